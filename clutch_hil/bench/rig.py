@@ -105,7 +105,7 @@ class Rig:
 
     @property
     def identify(self) -> Callable[..., Any]:
-        """Return the function that identifies it: identify(runs, hold=, bounds=, ties=, force=, progress=), as `identify_clutch`.
+        """Return its identification: identify(runs, hold=, bounds=, ties=, force=, progress=), as `identify_clutch`.
 
         The function returns an `identification.Identification`.
         """

@@ -11,9 +11,7 @@ from protocols.errors import InputError
 
 Sample = dict[str, float]
 Ranges = Mapping[str, tuple[float, float]]
-MOST_SAMPLES = (
-    1_000_000  # samples, or runs, of a sweep: five days of one CPU for the profile engagement; more is a mistake
-)
+MOST_SAMPLES = 1_000_000  # samples, or runs, of a sweep: five days of one CPU for the profile engagement
 
 
 def grid(values: Mapping[str, Iterable[float]]) -> list[Sample]:

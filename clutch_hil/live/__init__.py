@@ -1,1 +1,1 @@
-"""Live: what an operator sees of a bench, on a screen or in a terminal, during a run and afterwards."""
+"""Live: what an operator sees of a bench, on a screen or in a terminal, during and after a run."""

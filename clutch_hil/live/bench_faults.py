@@ -1,4 +1,4 @@
-"""`clutch-hil inject` of faults of processes and of the computer: asked from the `clutch-hil up` of this computer and user."""
+"""`clutch-hil inject` for faults of processes and of the computer: request them from this user's `clutch-hil up`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,10 +11,10 @@ from protocols.errors import InputError, join_names, suggest_closest
 
 
 def read_bench_fault(words: Sequence[str], process: str | None, signal: str | None, off: bool) -> dict[str, Any] | None:
-    """Read the request for a fault of the bench from the words of the command; None if they are of something else.
+    """Read the request for a fault of the bench from the words of the command; None if they describe something else.
 
-    words: the name of a host fault, and NAME=VALUE of its parameters; with `off` several names, which are ended. process: the
-    service that gets a `signal`, kill if None. Raises InputError.
+    words: the name of a host fault, and NAME=VALUE of its parameters; with `off`, names of faults to end. process: the service
+    that gets a `signal`, kill if None. Raises InputError.
     """
     if process is not None:
         if words or off:
@@ -44,7 +44,7 @@ def read_bench_fault(words: Sequence[str], process: str | None, signal: str | No
 def run_bench_fault(
     request: Mapping[str, Any], when: Mapping[str, float], bus: str | None
 ) -> tuple[dict[str, Any], str, str, bool]:
-    """Ask the bench for a fault, at the times `when`; return document, text, verdict and True. Raises InputError."""
+    """Request a fault from the bench, at the times `when`; return document, text, verdict and True. Raises InputError."""
     answer = request_fault(bus, {**request, **when})
     read = f"read:    the bench on {answer['bus']}"
     if "ended" in answer:
@@ -58,7 +58,7 @@ def run_bench_fault(
 
 
 def list_bench_faults(bus: str | None) -> list[str]:
-    """Faults of the bench that are on; none where this computer and user have no bench."""
+    """Return the active faults of the bench; none where this user has no bench on this computer."""
     try:
         on: list[str] = request_fault(bus, {})["on"]
     except InputError:

@@ -1,4 +1,4 @@
-"""`clutch-hil record`: records the telemetry of a running bench into run files.
+"""`clutch-hil record`: record the telemetry of a running bench to run files.
 
 The first file contains the 30 s before the recorder started, so that an event just seen can still be recorded.
 """
@@ -19,7 +19,7 @@ from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import open_consumer_session
 
 _POLL_PERIOD = 0.2  # s between checks for rows
-_BENCH_TIMEOUT = 10.0  # s to wait for a bench where the length is given; otherwise there is no limit
+_BENCH_TIMEOUT = 10.0  # s to wait for a bench where the length is given; otherwise without limit
 
 
 def record(
@@ -36,8 +36,8 @@ def record(
     """Record the bench on `bus` (None: the only one) until `stop`, the end of the bench, or `seconds` after its first row.
 
     Rows are written as Parquet, and converted at the end where `path` has another suffix. blind: seal the truth; Parquet only.
-    progress: takes the present state as text. tell: takes faults as text. Raises InputError when there is no bench, or a file
-    exists.
+    progress: called with the present state as text. tell: called with faults as text. Raises InputError when there is no bench,
+    or a file exists.
     """
     if blind and path and path.suffix.lower() != ".parquet":
         raise InputError(f"{path} cannot be recorded blind as {path.suffix!r}; allowed is .parquet")
@@ -49,7 +49,7 @@ def record(
     with open_consumer_session(router) as session:
         progress("waiting for a bench; start one with: clutch-hil up")
         notifier.say("waits for a bench")
-        notifier.be_ready()  # no row is lost from now on: the first file has the 30 s before it
+        notifier.be_ready()  # no row is lost from now on: the first file has the 30 s before
         bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT, notifier)
         notifier.say(f"records bench {bench}")
         with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind, tell) as recorder:
@@ -78,7 +78,7 @@ def record(
 def _convert_rows(file: Path) -> None:
     rows = make_rows_path(file)
     try:
-        convert(rows, file, overwrite=True)  # checked before the recording began
+        convert(rows, file, overwrite=True)  # the target was checked before the recording began
     except InputError as error:
         raise InputError(f"{error}; what was recorded is in {rows}") from None
     rows.unlink()

@@ -14,8 +14,8 @@ from clutch_hil.live.times import RIG_TIME, TIME
 from clutch_hil.live.torque import ERROR
 from protocols.can.two_clutches import CLUTCHES
 
-_TRAIL_SECONDS = 5.0  # s of the x-y plots; an engagement of the clutch takes less
-_AXES = ((-16.0, 200.0), (-104.0, 27.0))  # range of an x-y plot: its box and room for the tick labels
+_TRAIL_SECONDS = 5.0  # s shown in the x-y plots; an engagement of the clutch takes less
+_AXES = ((-16.0, 200.0), (-104.0, 27.0))  # range of an x-y plot: its axes, and margins for the tick labels
 _TITLES = {plot.path: plot.title for plot in (*PLOTS, REST)} | {
     ERROR: "torque error, + is too much [Nm]",
     "states": "phase, clutch, fault",
@@ -31,10 +31,10 @@ def build_blueprint(
     light: bool = False,
     slips: Sequence[float | None] = (),
 ) -> rrb.Blueprint:
-    """Layout for one bench, or with two `prefixes` for two runs side by side under their `names`.
+    """Return the layout for one bench, or with two `prefixes` for two runs side by side under their `names`.
 
-    window: shown time before the cursor [s], None for all. light: for a light screen. slips: reach of each bench's slip axis to
-    both sides [rad/s], where it is known.
+    window: displayed time before the cursor [s], None for all. light: for a light screen. slips: reach of each bench's slip
+    axis to both sides [rad/s], where known.
     """
     benches = [
         _BenchViews(timeline, prefix.rstrip("/"), name, window, slip)
@@ -60,7 +60,7 @@ def build_blueprint(
 
 
 def _make_side_by_side_tabs(benches: Sequence["_BenchViews"]) -> list[Any]:
-    """Tabs of several runs: the same plots left and right."""
+    """Return the tabs of several runs: the same plots left and right."""
     return [
         rrb.Horizontal(*(bench.make_main_views() for bench in benches), name="runs"),
         rrb.Horizontal(*(bench.make_motion_views() for bench in benches), name="curves and scene"),
@@ -80,7 +80,7 @@ class _BenchViews:
     slip: float | None
 
     def make_tabs(self) -> list[Any]:
-        """Tabs of a single bench."""
+        """Return the tabs of a single bench."""
         middle = rrb.Vertical(
             self._make_curve(0), self._make_curve(1), self._plot("voltage"), self._plot("adaptation"),
             row_shares=[2.0, 2.0, 1.25, 1.25],
@@ -95,7 +95,7 @@ class _BenchViews:
         ]
 
     def make_light_views(self) -> Any:
-        """The views of a light screen."""
+        """Return the views of a light screen."""
         left = rrb.Vertical(
             self._plot("torque"),
             self._plot("pressure"),
@@ -113,7 +113,7 @@ class _BenchViews:
         return rrb.Horizontal(left, right, column_shares=[1.7, 1.0], name="bench")
 
     def make_main_views(self) -> Any:
-        """Torque, pressure, slip and state over one time axis."""
+        """Return torque, pressure, slip and state over one time axis."""
         return rrb.Vertical(
             self._plot("torque"),
             self._plot(ERROR),
@@ -124,11 +124,11 @@ class _BenchViews:
         )
 
     def make_motion_views(self) -> Any:
-        """Scene and x-y plots."""
+        """Return scene and x-y plots."""
         return rrb.Vertical(self._make_scene(), self._make_curve(0), self._make_curve(1))
 
     def make_controller_views(self) -> Any:
-        """Every term of the control law, its adaptation and flags, and parameter changes."""
+        """Return every term of the control law, its adaptation and flags, and parameter changes."""
         return rrb.Vertical(
             rrb.Horizontal(self._plot("terms"), self._plot("feedforward")),
             rrb.Horizontal(self._plot("balance"), self._make_events()),
@@ -137,7 +137,7 @@ class _BenchViews:
         )
 
     def make_more_views(self) -> Any:
-        """Every signal that is in no other plot."""
+        """Return every signal that is in no other plot."""
         paths = [plot.path for plot in (*PLOTS, REST) if plot.path.startswith("more/")]
         return rrb.Grid(*(self._plot(path) for path in paths), grid_columns=3, name="all other signals")
 
@@ -192,14 +192,14 @@ class _BenchViews:
         return f"{self.name}: {what}" if self.name else what
 
     def _make_axis(self) -> TimeAxis:
-        """Time axis: shared by all plots of a whole run, else as wide as the window."""
+        """Return the time axis: shared by all plots for a whole run, otherwise as wide as the window."""
         if self.window is None:
             return TimeAxis(link="LinkToGlobal")
         shown = self._make_range(self.window).range
         return TimeAxis(view_range=shown)
 
     def _make_range(self, window: float | None) -> rrb.VisibleTimeRange:
-        """Time range of the last `window` [s] before the cursor, None for all."""
+        """Return the time range of the last `window` [s] before the cursor, None for all."""
         start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
         if window is not None:
             start = rrb.TimeRangeBoundary.cursor_relative(seconds=-window)

@@ -1,7 +1,8 @@
-"""`clutch-hil tune --calibration`: loads a calibration into the controller of a running bench, and on demand into its plant.
+"""`clutch-hil tune --calibration`: load a calibration into the controller of a running bench, and optionally into its plant.
 
-All of it is checked before anything is changed: rig, names, units, bounds, and that no clutch is engaged. A map that changes
-while a clutch carries torque would step the pressure. If a service refuses after another one has changed, that one is set back.
+Everything is checked before any change: rig, names, units, bounds, and that no clutch is engaged. A map that changes while a
+clutch transmits torque would cause a step of the pressure. If a service refuses after another one has changed, the other is
+restored.
 """
 
 from collections.abc import Mapping
@@ -31,7 +32,7 @@ from protocols.telemetry.message import check_description, check_last
 from protocols.telemetry.session import open_consumer_session
 
 _SAFE = ("idle", "fault")  # phases in which the clutch is open
-_LEVEL_LEARNT = 0.02  # of the friction level: more is told, as it was learnt with the old maps
+_LEVEL_LEARNT = 0.02  # of the friction level: a larger deviation is reported, because it was learnt with the old maps
 
 
 def load_calibration(
@@ -74,7 +75,7 @@ def load_calibration(
 
 
 def _check_rig(session: zenoh.Session, bench: str, path: Path) -> str:
-    """The rig of bench and calibration. Raises InputError where they differ."""
+    """Return the rig of bench and calibration. Raises InputError where they differ."""
     rig, about = read_rig(path), ask(session, Keys(bench, PLANT).describe, check_description, attempts=3)
     if about is None:
         raise InputError(
@@ -86,7 +87,7 @@ def _check_rig(session: zenoh.Session, bench: str, path: Path) -> str:
 
 
 def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[str, float]:
-    """Values of a calibration for `node`, by name. Raises InputError where it cannot take one of them."""
+    """Return the values of a calibration for `node`, by name. Raises InputError where the node cannot accept one of them."""
     own = {full.partition(".")[2]: entry for full, entry in catalogue.entries.items() if full.startswith(f"{node}.")}
     if not own:
         raise InputError(
@@ -103,7 +104,7 @@ def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[
     after = load_overlay(path, running, node, rig)
     values = {name: after[name].value for name in list_changed(path, node)}
     for name, value in values.items():
-        low, high = running[name].bounds  # a file may not widen them
+        low, high = running[name].bounds  # a file may not widen the bounds
         if own[name]["fixed"] or not low <= value <= high:
             raise InputError(
                 own[name]["fixed"] or f"{path}: parameter {name} = {value:g} breaks {low:g} <= value <= {high:g}"
@@ -112,7 +113,7 @@ def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[
 
 
 def _check_open(session: zenoh.Session, bench: str, controller: str) -> float:
-    """The friction level of a controller whose clutch is open. Raises InputError where it is engaged."""
+    """Return the friction level of a controller whose clutch is open. Raises InputError where it is engaged."""
     last = ask(session, Keys(bench, controller).last, check_last, attempts=3)
     values = (last or {}).get("values", {})
     phase = values.get(f"{controller}_phase", {}).get("value")
@@ -131,7 +132,7 @@ def _check_open(session: zenoh.Session, bench: str, controller: str) -> float:
 def _change_all(
     session: zenoh.Session, bench: str, catalogue: Catalogue, wanted: Mapping[str, Mapping[str, float]], by: str
 ) -> list[dict[str, Any]]:
-    """Change every node or none: one that has changed is set back where a later one refuses. Raises InputError."""
+    """Change every node or none: changed nodes are restored where a later one refuses. Raises InputError."""
     changed: list[dict[str, Any]] = []
     done: list[str] = []
     for node, values in wanted.items():

@@ -1,4 +1,4 @@
-"""Canvas: a rerun recording below an entity prefix, on which the parts of a screen draw."""
+"""Canvas: a rerun recording below an entity prefix, to which the parts of a screen draw."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -22,12 +22,12 @@ class Canvas:
         self._recording.log(f"{self._prefix}/{path}", *archetypes, static=True)
 
     def send(self, path: str, times: Times, columns: Iterable[Any]) -> None:
-        """Log component columns, one cell for each time. Without times it logs nothing: an empty chunk kills rerun 0.41."""
+        """Log component columns, one cell per time. Without times nothing is logged: an empty chunk kills rerun 0.41."""
         if len(times):
             self._recording.send_columns(f"{self._prefix}/{path}", times.indexes, columns)
 
 
 def make_scalar_columns(values: np.ndarray) -> list[rr.ComponentColumn]:
-    """Component column of `values`, shape (rows, lines), one scalar for each line. `rr.Scalars.columns` takes twice as long."""
+    """Return a component column of `values` (rows, lines), one scalar per line; `rr.Scalars.columns` takes twice as long."""
     lengths = np.full(len(values), values.shape[1])
     return [rr.ComponentColumn(rr.Scalars.descriptor_scalars(), ScalarBatch(values.ravel()), lengths=lengths)]

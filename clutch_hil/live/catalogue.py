@@ -1,4 +1,4 @@
-"""Catalogue: the parameters of a running bench, found by name, checked, and shown as text."""
+"""Catalogue: the parameters of a running bench; find them by name, check values, and format them as text."""
 
 import difflib
 import sys
@@ -11,9 +11,9 @@ from clutch_hil.bench.progress import format_table
 from protocols.errors import InputError, join_names
 from protocols.telemetry.keys import NODES, find_bus
 
-WHOLE = sys.maxsize  # characters of a line where there is no terminal: nothing is cut
+WHOLE = sys.maxsize  # characters of a line without a terminal: nothing is cut
 _SOURCE_LEAST = (
-    12  # characters of a source in a table; with less room it is left out. `describe_parameter` has all of it
+    12  # least characters of a source in a table; with less room it is left out. `describe_parameter` shows all of it
 )
 _GAP = 2  # characters between the columns of a table
 
@@ -27,17 +27,17 @@ class Catalogue:
 
     @property
     def nodes(self) -> list[str]:
-        """Names of the nodes that answered."""
+        """Return the names of the nodes that answered."""
         return list(dict.fromkeys(full.partition(".")[0] for full in self.entries))
 
     @property
     def silence(self) -> str:
-        """A clause that names a node that did not answer; empty if all did."""
+        """Return a clause that names the nodes that did not answer; empty if all did."""
         silent = [node for node in NODES if node not in self.nodes]
         return f"the {silent[0]} on {find_bus(self.bench)} does not answer" if silent else ""
 
     def find_full_name(self, name: str) -> str:
-        """Full name of a parameter that is given with or without its node. Raises InputError."""
+        """Return the full name of a parameter given with or without its node. Raises InputError."""
         if name in self.entries:
             return name
         matches = [full for full in self.entries if full.partition(".")[2] == name]
@@ -48,12 +48,12 @@ class Catalogue:
         return matches[0]
 
     def list_group(self, prefix: str) -> list[str]:
-        """Full names of the parameters in a group, which is given with or without its node: `torque.`, `plant.clutch.*`."""
+        """Return the full names of the parameters in a group, given with or without its node: `torque.`, `plant.clutch.*`."""
         start = prefix.rstrip("*").rstrip(".") + "."
         return [full for full in self.entries if full.startswith(start) or full.partition(".")[2].startswith(start)]
 
     def check_value(self, name: str, text: str) -> float:
-        """Value in `text`, if the parameter with the full name `name` can have it. Raises InputError."""
+        """Return the value in `text` if it is valid for the parameter with the full name `name`. Raises InputError."""
         entry = self.entries[name]
         low, high = entry["bounds"]
         try:
@@ -104,7 +104,7 @@ def format_tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
 def hide_off_effects(
     entries: Mapping[str, Mapping[str, Any]], names: Collection[str]
 ) -> tuple[dict[str, Any], list[str]]:
-    """`entries` by full name without those of effects, given by `names`, that are off; and which effects these are."""
+    """Return `entries` by full name without those of `names`, effects, that are off; and the names of these effects."""
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for full, entry in entries.items():
         groups.setdefault(full.rpartition(".")[0], []).append(entry)
@@ -134,7 +134,7 @@ def _format_rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tu
 
 
 def _fit_columns(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
-    """Rows with the columns that fit into `width`. The last column, the source, is cut where needed."""
+    """Return rows with the columns that fit into `width`. The last column, the source, is cut where needed."""
     needed = [max(map(len, column)) for column in zip(*rows, strict=True)]
     room = [width - sum(_GAP + before for before in needed[:i]) for i in range(len(needed))]
     needed[-1] = min(needed[-1], _SOURCE_LEAST)
@@ -158,10 +158,10 @@ def describe_parameter(name: str, entry: Mapping[str, Any]) -> str:
 
 
 def with_unit(text: str, unit: str) -> str:
-    """`text` with the unit behind it; the unit 1 is left out."""
+    """Return `text` followed by its unit; the unit 1 is omitted."""
     return text if unit == "1" else f"{text} {unit}"
 
 
 def format_step(old: float | None, new: float) -> str:
-    """A change from a value to a new one, as `2 -> 3`; as `-> 3` where the value before is not told, as of a blind plant."""
+    """Return a change as `2 -> 3`, or as `-> 3` where the old value is unknown, as for a blind plant."""
     return f"{'' if old is None else f'{old:g} '}-> {new:g}"

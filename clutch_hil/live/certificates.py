@@ -1,7 +1,7 @@
 """Certificates for the network of a lab: an authority, and one certificate for each role.
 
-The private key of the authority is never written: it signs, and is gone. So nobody can make a further certificate, and to renew
-is to make everything anew.
+The private key of the authority is never written to a file: it signs, and is then deleted. So nobody can issue a further
+certificate, and a renewal replaces all certificates.
 
 Source: RFC 5280 (certificates), RFC 8446 (TLS 1.3); library `cryptography` of the Python Cryptographic Authority.
 """
@@ -20,10 +20,10 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from protocols.errors import InputError
 
-_CURVE = ec.SECP256R1()  # every TLS library has it, zenoh's (rustls) too
-_SLACK = timedelta(minutes=5)  # a certificate begins so much earlier: the clocks of a lab differ
+_CURVE = ec.SECP256R1()  # supported by every TLS library, including that of zenoh (rustls)
+_SLACK = timedelta(minutes=5)  # a certificate is valid this much earlier, because the clocks of a lab differ
 _AUTHORITY = "clutch-hil lab"
-_LABEL = re.compile(r"[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?")  # a part of a host's name (RFC 1123, 2.1)
+_LABEL = re.compile(r"[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?")  # a label of a host name (RFC 1123, 2.1)
 
 
 class Certificate(NamedTuple):
@@ -34,7 +34,7 @@ class Certificate(NamedTuple):
 
 
 class Authority:
-    """Signs certificates that expire at `expires`, in UTC, and begin at `begins` or now."""
+    """Authority that signs certificates valid from `begins`, or now, until `expires`, in UTC."""
 
     def __init__(self, expires: datetime, begins: datetime | None = None) -> None:
         self._begins, self._expires = begins or datetime.now(UTC) - _SLACK, expires
@@ -47,11 +47,11 @@ class Authority:
 
     @property
     def certificate(self) -> str:
-        """The certificate of the authority as PEM text, by which others know what it has signed."""
+        """Return the certificate of the authority as PEM text; peers verify its signatures with it."""
         return self._own.public_bytes(Encoding.PEM).decode()
 
     def issue_certificate(self, name: str, hosts: Sequence[str] = ()) -> Certificate:
-        """Make a certificate for `name`: of a server at `hosts`, names or addresses; of a client if there are none."""
+        """Make a certificate for `name`: for a server at `hosts`, names or addresses; for a client if there are none."""
         key = ec.generate_private_key(_CURVE)
         purpose = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
         alternatives = x509.SubjectAlternativeName([_parse_host(host) for host in hosts] or [x509.DNSName(name)])
@@ -78,7 +78,7 @@ class Authority:
 
 
 def check_host(host: str) -> str:
-    """`host`, if it is an address or a host's name. Raises InputError."""
+    """Return `host` if it is an address or a host name. Raises InputError."""
     try:
         _parse_host(host)
     except ValueError:
@@ -89,12 +89,12 @@ def check_host(host: str) -> str:
 
 
 def _parse_host(host: str) -> x509.GeneralName:
-    """Raises ValueError for what is neither an address nor a host's name."""
+    """Return `host` as a name for a certificate. Raises ValueError for what is neither an address nor a host name."""
     try:
         return x509.IPAddress(ip_address(host))
     except ValueError:
         labels = host.split(".")
-        if labels[-1].isdecimal():  # an address with a slip: no name ends so (RFC 1123, 2.1)
+        if labels[-1].isdecimal():  # a mistyped address: no host name ends with digits only (RFC 1123, 2.1)
             raise
         if all(map(_LABEL.fullmatch, labels)):
             return x509.DNSName(host)

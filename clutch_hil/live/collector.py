@@ -1,4 +1,4 @@
-"""Collector: makes a snapshot of a bench's last ten seconds from its batches. It does not depend on zenoh."""
+"""Collector: make a snapshot of a bench's last ten seconds from its batches, without zenoh."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -18,27 +18,27 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.keys import NODES
 
 WINDOW = 10.0  # s of rows for percentiles and sparklines
-STALL_SECONDS = 0.5  # s without a row after which a service counts as stalled; batches come every 20 ms
-POINTS = 30  # characters of a sparkline: three a second
-_CHANGES = 3  # changes of parameters that are shown
+STALL_SECONDS = 0.5  # s without a row after which a service counts as stalled; batches arrive every 20 ms
+POINTS = 30  # characters of a sparkline: three per second
+_CHANGES = 3  # parameter changes that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
 _SHOWN = (
     {q.column for q in QUANTITIES}
     | {f"controller_{name}" for name in ("phase", "request", "fault", "supervisor")}
     | {clutch_state.COLUMN}
-)  # by the names that the columns of a single clutch have
+)  # columns by their names on a rig with a single clutch
 
 
 class _RecentRows:
-    """Rows of one start of a service, of the last WINDOW seconds, in the columns that are shown.
+    """Rows of the last WINDOW seconds since the last start of a service, in the displayed columns.
 
-    of_two: whether they are of a plant of two clutches.
+    of_two: whether the rows belong to a plant with two clutches.
     """
 
     def __init__(self, batch: Batch) -> None:
         wanted = _SHOWN | {f"{node}_{name}" for node in ("plant", "controller") for name in _TIMING}
         single = [split_clutch_name(column) for column in batch.columns]
-        if batch.node in CONTROLLERS:  # its columns need no clutch: they are all of one
+        if batch.node in CONTROLLERS:  # all its columns belong to one clutch, so their names have no clutch
             single = [(name, "") for name, _ in single]
         self.session, self.rate = batch.session, batch.rate
         self.of_two = CLUTCHES[1] in {clutch for _, clutch in single}
@@ -46,10 +46,10 @@ class _RecentRows:
         self._place = {single[i]: place for place, i in enumerate(self._index)}
         self._pieces: deque[np.ndarray] = deque()
         self._count = 0
-        self.newest = 0.0  # s, when the newest row came
+        self.newest = 0.0  # s, arrival of the newest row
 
     def take(self, batch: Batch, now: float) -> None:
-        """Add rows that came at `now` [s]."""
+        """Add rows that arrived at `now` [s]."""
         if not len(batch.rows):
             return
         self.newest = now
@@ -59,11 +59,11 @@ class _RecentRows:
             self._count -= len(self._pieces.popleft())
 
     def join_rows(self) -> np.ndarray:
-        """Shape (rows, columns), at most WINDOW seconds."""
+        """Return the rows, shape (rows, columns), at most WINDOW seconds."""
         return np.concatenate(self._pieces)[-round(WINDOW * self.rate) :]
 
     def select_column(self, rows: np.ndarray, name: str, clutch: str = "") -> np.ndarray:
-        """A column of `rows` by the name that it has for a single clutch; NaN when the service does not publish it.
+        """Return a column of `rows` by its name for a single clutch; NaN when the service does not publish it.
 
         clutch: a or b, for a column of one of two clutches of a plant.
         """
@@ -72,23 +72,23 @@ class _RecentRows:
 
 
 class Collector:
-    """Takes the batches of a feed, keeps those of ten seconds, and makes snapshots."""
+    """Store the last ten seconds of batches of a feed, and make snapshots."""
 
     def __init__(self, bench: str) -> None:
         frames = load_frames()
         self.alive: Mapping[str, bool] = {}
         self.lost: Mapping[str, int] = {}
-        self.last_rows: dict[str, int] = {}  # newest row of a service that sends none: -1 when it has none yet
+        self.last_rows: dict[str, int] = {}  # newest row of a service that sends none: -1 when it has no row yet
         self._bench = bench
         self._phases = frames["CONTROLLER_STATUS"].list_choices("phase")
         self._faults = frames["CONTROLLER_STATUS"].list_choices("fault")
         self._traces: dict[str, _RecentRows] = {}
         self._watches: dict[str, FaultWatch] = {}  # by controller
-        self._fault_lines: dict[str, str] = {}  # the last one of each, the newest last
+        self._fault_lines: dict[str, str] = {}  # the last line of each, newest last
         self._changes: list[Mapping[str, Any]] = []
 
     def take(self, batches: Iterable[Batch], now: float) -> None:
-        """Add batches that came at `now` [s, of any steady clock]."""
+        """Add batches that arrived at `now` [s, of any steady clock]."""
         for batch in batches:
             trace = self._traces.get(batch.node)
             if anew := trace is None or trace.session != batch.session:
@@ -101,7 +101,7 @@ class Collector:
                 self._take_faults(batch, names)
 
     def _take_faults(self, batch: Batch, names: list[str]) -> None:
-        """Keep the faults that begin or end in a controller's batch; names: its columns without the node's prefix."""
+        """Store the faults that begin or end in a controller's batch; names: its columns without the node's prefix."""
         node = batch.node
         watch = self._watches.setdefault(node, FaultWatch(names, batch.rate, clutch=find_clutch(node)))
         for fault in watch.take(batch.rows):
@@ -109,16 +109,16 @@ class Collector:
             self._fault_lines[node] = fault.line if fault.name != "none" else f"{before}; {fault.line}"
 
     def add_changes(self, events: Iterable[Mapping[str, Any]]) -> None:
-        """Add changes of parameters; one that comes twice, live and with the history, counts once."""
+        """Add changes of parameters; a change that arrives twice, live and with the history, counts once."""
         new = [event for event in events if event not in self._changes]
         self._changes = sorted((*self._changes, *new), key=lambda event: event["time"])[-_CHANGES:]
 
     def list_silent(self) -> list[str]:
-        """Nodes that run and have sent no row."""
+        """Return the nodes that run and have sent no row."""
         return [node for node in self._list_nodes() if self.alive.get(node) and node not in self._traces]
 
     def make_snapshot(self, now: float) -> Snapshot:
-        """The bench at `now` [s]."""
+        """Return the state of the bench at `now` [s]."""
         rows = {node: trace.join_rows() for node, trace in self._traces.items()}
         plant, *controllers = self._list_nodes()
         names = CLUTCHES if len(controllers) > 1 else ("",)
@@ -131,7 +131,7 @@ class Collector:
         )
 
     def _list_nodes(self) -> tuple[str, ...]:
-        """Nodes of the bench: clutch b's controller where it publishes, or where the plant has two clutches."""
+        """Return the nodes of the bench; clutch b's controller only if it publishes or the plant has two clutches."""
         second = CONTROLLERS[1]
         plant = self._traces.get("plant")
         of_two = second in self._traces or self.alive.get(second) is not None or (plant is not None and plant.of_two)
@@ -178,7 +178,7 @@ class Collector:
         return names.get(int(values[-1]), f"{values[-1]:g}")
 
     def _decimate(self, node: str, column: np.ndarray) -> np.ndarray:
-        """POINTS values of the last WINDOW seconds, the newest last; NaN before the first row."""
+        """Return POINTS values of the last WINDOW seconds, newest last; NaN before the first row."""
         if not len(column):
             return np.full(POINTS, np.nan)
         ago = np.arange(POINTS)[::-1] * WINDOW * self._traces[node].rate / POINTS

@@ -14,9 +14,9 @@ FORMATS = (*SUFFIXES, ".rrd")
 
 
 def convert(source: Path, target: Path, overwrite: bool = False, stretch: Stretch = WHOLE) -> Run:
-    """Write the run in `source`, or a part of it, in the format that the suffix of `target` names; return what was written.
+    """Write the run in `source`, or a part of it, in the format given by the suffix of `target`; return the written run.
 
-    overwrite: whether a file `target` may be replaced. Raises InputError.
+    overwrite: whether an existing `target` may be replaced. Raises InputError.
     """
     if source.suffix.lower() not in SUFFIXES:
         raise InputError(
@@ -34,7 +34,7 @@ def convert(source: Path, target: Path, overwrite: bool = False, stretch: Stretc
 
 
 def check_target(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
-    """`path`, if a run can be written there, and no other file is lost by it (`check_new_file`). Raises InputError."""
+    """Return `path` if a run can be written there without loss of another file (`check_new_file`). Raises InputError."""
     if path.suffix.lower() not in FORMATS:
         raise InputError(
             f"run {path} has the suffix {path.suffix or '-'}; what can be written ends with {join_names(FORMATS)}"

@@ -1,6 +1,6 @@
-"""Curves: torque over pressure and over slip as x-y plots. rerun has none, so their axes are drawn in a 2-D view.
+"""Curves: torque over pressure and over slip as x-y plots. rerun has no x-y plots, so their axes are drawn in a 2-D view.
 
-Two clutches have their trails in the same plots.
+Trails of two clutches are in the same plots.
 
 Trails are logged in data units below a transform into the box of the plot. When data leave the axes, transform and axes change
 together, and old trails stay correct.
@@ -20,10 +20,10 @@ from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
 
-BOX = (190.0, 88.0)  # width and height of the axes in units of the view: the shape of its place in the layout
-_PIECE_RATE = 10.0  # Hz, of pieces of a trail; each piece and its dot cost two calls of rerun
-_POINT_RATE = 200.0  # Hz, of points of a trail; the pressure loop has a bandwidth of 10 Hz
-_DIVISIONS = 5, 3  # of an axis, and of each half of a symmetric one, at most
+BOX = (190.0, 88.0)  # width and height of the axes in units of the view: the aspect ratio of its place in the layout
+_PIECE_RATE = 10.0  # Hz, rate of pieces of a trail; each piece and its dot cost two calls of rerun
+_POINT_RATE = 200.0  # Hz, rate of points of a trail; the pressure loop has a bandwidth of 10 Hz
+_DIVISIONS = 5, 3  # largest number of divisions of an axis, and of each half of a symmetric axis
 
 
 class Trail(NamedTuple):
@@ -36,7 +36,7 @@ class Trail(NamedTuple):
 
 @dataclass
 class Curve:
-    """An x-y plot. Its axes (x, y) reach from `low` to `high` and grow with the data; with data below 0 they are symmetric."""
+    """An x-y plot. Its axes (x, y) reach from `low` to `high` and grow with the data; negative data make them symmetric."""
 
     path: str
     title: str
@@ -47,7 +47,7 @@ class Curve:
 
 
 def make_curves() -> tuple[Curve, ...]:
-    """The two x-y plots. The axes begin with the reach of the engagement profile."""
+    """Return the two x-y plots. The initial axes have the range of the engagement profile."""
     return (
         Curve("torque_over_pressure", "torque over pressure", ("pressure [bar]", "torque [Nm]"), np.array([4.0, 20.0]), (
             Trail("estimate", "controller_pressure_bar", "controller_torque_estimate_nm"),
@@ -61,7 +61,7 @@ def make_curves() -> tuple[Curve, ...]:
 
 
 class Curves:
-    """Logs pieces of the trails of a clutch, a or b, and a dot at the present. The plots `drawn` are those of all clutches."""
+    """Log pieces of the trails of a clutch, a or b, and a dot at the present. All clutches share the plots `drawn`."""
 
     def __init__(self, canvas: Canvas, drawn: Sequence[Curve], clutch: str) -> None:
         self._canvas, self._clutch = canvas, clutch
@@ -69,7 +69,7 @@ class Curves:
         self._paces: dict[str, Decimator] = {}
         self._ends: dict[
             str, np.ndarray
-        ] = {}  # by trail: points not yet logged, the first is the end of the last piece
+        ] = {}  # by trail: points not yet logged; the first is the end of the last piece
 
     def open(self) -> None:
         """Log the axes, and the colours of the trails."""
@@ -78,7 +78,7 @@ class Curves:
             for level, trail in enumerate(curve.trails):
                 path = self._make_path(curve, trail)
                 colour = [palette.make_rgba(palette.choose_clutch_colour(palette.choose_colour(trail.y), self._clutch))]
-                order = level + 1.0  # the later over the earlier
+                order = level + 1.0  # later ones are drawn over earlier ones
                 line, dot = rr.Radius.ui_points(1.2), rr.Radius.ui_points(4.5)
                 self._canvas.log_static(path, rr.LineStrips2D.from_fields(colors=colour, radii=line, draw_order=order))
                 self._canvas.log_static(
@@ -86,7 +86,7 @@ class Curves:
                 )
 
     def log(self, batch: Batch, times: Times) -> None:
-        """Log the pieces of trail that the rows complete."""
+        """Log the pieces of trail that these rows complete."""
         names = {column.name for column in batch.columns}
         for curve in self._curves:
             for trail in curve.trails:
@@ -155,11 +155,11 @@ class Curves:
 
 
 def make_trail_path(curve: Curve, trail: Trail, clutch: str) -> str:
-    """Entity path of the trail of a clutch, a or b."""
+    """Return the entity path of the trail of a clutch, a or b."""
     return f"{curve.path}/data/{trail.name}{make_path_suffix(clutch)}"
 
 
 def _round_step(step: float) -> float:
-    """The next of 1, 2, 5, 10, ... times a power of ten."""
+    """Return the next larger of 1, 2, 5, 10, ... times a power of ten."""
     power = 10.0 ** np.floor(np.log10(step))
     return float(power * next(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= step * (1.0 - 1e-9)))

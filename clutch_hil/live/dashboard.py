@@ -1,4 +1,4 @@
-"""Dashboard: the plot of each column. Each column of a node is in one plot, so that a recording has it once."""
+"""Dashboard: the plot of each column. Each column of a node is in exactly one plot, so a recording stores it once."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -17,7 +17,7 @@ class Line(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A plot over time: entity path under the prefix, title, and lines. It also has all other columns of its `units`."""
+    """A plot over time: entity path under the prefix, title, and lines. It also shows all other columns of its `units`."""
 
     path: str
     title: str
@@ -108,12 +108,12 @@ class Place(NamedTuple):
 
     @property
     def labels(self) -> list[str]:
-        """Labels of the lines with units, for the legend."""
+        """Return the labels of the lines with units, for the legend."""
         return [f"{line.label} [{column.unit}]" for line, column in zip(self.lines, self.columns, strict=True)]
 
 
 def list_places(node: str, columns: Sequence[Column]) -> list[Place]:
-    """Entities of a node's columns; every column is in exactly one of them.
+    """Return the entities of a node's columns; every column is in exactly one of them.
 
     Columns of two clutches are both in the plot of the single clutch's column, with the name of the clutch in their labels.
     """
@@ -150,7 +150,7 @@ def list_places(node: str, columns: Sequence[Column]) -> list[Place]:
 
 
 def split_clutch_name(column: Column) -> tuple[str, str]:
-    """Name that a column has on a rig with one clutch, and its clutch, a or b, or "" on a rig with one.
+    """Return the name of a column on a rig with one clutch, and its clutch: a or b, or "" on a rig with one clutch.
 
     `cylinder_pressure_b_bar` is `cylinder_pressure_bar` of b, `controller_b_voltage_v` is `controller_voltage_v` of b.
     """
@@ -165,10 +165,10 @@ def split_clutch_name(column: Column) -> tuple[str, str]:
 
 
 def _make_lines_of_two(line: Line, of_clutches: Mapping[str, Sequence[tuple[str, str]]]) -> list[Line]:
-    """Lines of the two clutches that stand for the line of a single clutch."""
+    """Return the lines of two clutches that replace the line of a single clutch."""
     return [Line(name, f"{line.label} {clutch}", line.width) for name, clutch in of_clutches.get(line.column, ())]
 
 
 def _make_suffix(unit: str) -> str:
-    """End of the name of a column with this unit."""
+    """Return the suffix of the name of a column with this unit."""
     return "" if unit == "1" else f"_{unit.lower().replace('/', '_').replace('^', '')}"

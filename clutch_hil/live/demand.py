@@ -28,9 +28,9 @@ from protocols.can.request import Request
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 
-_LEAST_RAMP = 1e-3  # Nm/s or bar/s: it takes 8 hours to the highest torque
-_SETTLING_TIME = 0.5  # s of a constant demand after which the torque counts as settled: the loop rises in 0.25 s
-_TOLERANCE = 0.10  # regime error over torque demand
+_LEAST_RAMP = 1e-3  # Nm/s or bar/s: reaches the highest torque in 8 hours
+_SETTLING_TIME = 0.5  # s of constant demand after which the torque counts as settled: the loop rises in 0.25 s
+_TOLERANCE = 0.10  # regime error divided by torque demand
 _TOLERANCE_FLOOR = 0.3  # Nm: three times the regime error of the default controller
 _PRESSURE_TOLERANCE = 0.03  # bar: three times the noise and the resolution of the signal, 5 mbar each
 _DRAW_PERIOD = 0.1  # s, on a terminal: as often as the controller's status comes
@@ -40,9 +40,9 @@ _LINE_PERIOD = 2.0  # s between lines where the output is no terminal
 def make_torque_profile(
     torque: float, speed: float, seconds: float | None, ramp: float = TORQUE_RAMP, begin: float = 0.0
 ) -> Profile:
-    """Profile of a torque [Nm] reached from `begin` [Nm] with `ramp` [Nm/s] and held, at a motor speed [rad/s].
+    """Return the profile of a torque [Nm] reached from `begin` [Nm] with `ramp` [Nm/s] and held, at a motor speed [rad/s].
 
-    seconds: its length, None for ever. Raises InputError.
+    seconds: its length, None for unlimited. Raises InputError.
     """
     _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
     rise = max(abs(torque - begin) / ramp, 1.0 / RATE)
@@ -54,10 +54,10 @@ def make_torque_profile(
 def make_pressure_profile(
     pressure: float, speed: float, seconds: float | None, ramp: float = PRESSURE_RAMP, begin: float = 0.0
 ) -> Profile:
-    """Profile of a pressure [bar] reached with `ramp` [bar/s] and held, at a motor speed [rad/s].
+    """Return the profile of a pressure [bar] reached with `ramp` [bar/s] and held, at a motor speed [rad/s].
 
-    seconds: its length, None for ever. It rises from `begin` [bar], and where that is 0 from the pressure at which the clutch
-    is filled. Raises InputError.
+    seconds: its length, None for unlimited. The pressure rises from `begin` [bar]; from the pressure of the filled clutch if
+    `begin` is 0. Raises InputError.
     """
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
     first, least = begin or min(pressure, FILL_PRESSURE), 1.0 / RATE
@@ -68,7 +68,7 @@ def make_pressure_profile(
 
 
 def lock_profile(speed: float, seconds: float | None) -> Profile:
-    """Profile of a locked clutch, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
+    """Return the profile of a locked clutch, at a motor speed [rad/s], for `seconds`, None for unlimited. Raises InputError."""
     _check_speed(speed)
     profile = Profile("lock", (0.0, LATEST_TIME), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
     return profile if seconds is None else profile.repeat_to(seconds)
@@ -91,7 +91,7 @@ def _check_speed(speed: float) -> None:
 class Regime:
     """Regime error: mean absolute error of the controlled quantity while its demand is constant, in `unit`.
 
-    Allowed is `share` of the mean demand, and at least `floor`.
+    The tolerance is `share` of the mean demand, but at least `floor`.
     """
 
     unit: str = "Nm"
@@ -114,26 +114,26 @@ class Regime:
 
     @property
     def error(self) -> float:
-        """Regime error; NaN when the demand was never constant for long enough."""
+        """Return the regime error; NaN when the demand was never constant for long enough."""
         return self.error_sum / self.samples if self.samples else float("nan")
 
     @property
     def demand(self) -> float:
-        """Mean demand in regime; NaN when it was never constant for long enough."""
+        """Return the mean demand in the regime; NaN when it was never constant for long enough."""
         return self.demand_sum / self.samples if self.samples else float("nan")
 
     @property
     def is_reached(self) -> bool:
-        """Whether the regime error is within its tolerance."""
+        """Return whether the regime error is within its tolerance."""
         return self.error <= max(self.share * self.demand, self.floor)
 
 
 @dataclass
 class Lock:
-    """Whether the clutch locked on demand, after how long [s], and whether it was still locked at the last demand."""
+    """Whether the clutch locked on demand, after what time [s], and whether it was still locked at the last demand."""
 
     asked_for: float = 0.0  # s
-    locked_after: float | None = None  # s, since it was first asked to
+    locked_after: float | None = None  # s, since lock was first demanded
     locked: bool = False
 
     def add(self, asked: bool, clutch: str | None) -> None:
@@ -146,14 +146,14 @@ class Lock:
             self.locked_after = self.asked_for
 
     def __str__(self) -> str:
-        """Result in words."""
+        """Return the result in words."""
         if self.locked_after is None:
             return f"not locked within {self.asked_for:.2f} s"
         return f"locked after {self.locked_after:.2f} s{'' if self.locked else ', then no more'}"
 
 
 class Demand:
-    """Demands a profile on a bus. Raises InputError when there is another supervisor or no controller.
+    """Demand a profile on a bus. Raises InputError when there is another supervisor or no controller.
 
     network: for the log of the demand (demand_log.py), which the bus does not carry.
     """
@@ -167,7 +167,7 @@ class Demand:
         }
 
     def run(self, quiet: bool) -> tuple[dict[str, Any], str, str, bool]:
-        """Idle, follow the profile to its end or to Ctrl-C, release; return document, text, verdict, good."""
+        """Demand idle, follow the profile to its end or to Ctrl-C, and release; return document, text, verdict, good."""
         profile = self._profile
         with (
             Stop() as stop,

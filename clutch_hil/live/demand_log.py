@@ -1,6 +1,6 @@
-"""Log of a demand: a supervisor tells the controller's telemetry who demands what. The CAN bus itself carries no names.
+"""Log of a demand: report the user and the demand to the controller's telemetry. The CAN bus itself carries no names.
 
-A demand needs no telemetry: where it cannot be logged it is made, and the command says so.
+A demand needs no telemetry: if it cannot be logged, it is still made, and the command reports this.
 """
 
 import json
@@ -15,13 +15,13 @@ from protocols.telemetry.keys import Keys
 from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.session import open_consumer_session
 
-_TIMEOUT = 3.0  # s for the controller to note it; its publisher gives up after 2 s
+_TIMEOUT = 3.0  # s for the controller to log the demand; its publisher gives up after 2 s
 
 
 class DemandLog:
     """Connection to the telemetry of the bench on `bus`. Use as a context manager, entered before anything is demanded.
 
-    network: see `open_consumer_session`. Raises InputError for a file of a network that cannot be used.
+    network: see `open_consumer_session`. Raises InputError for a network file that cannot be used.
     """
 
     def __init__(self, bus: str, network: str | None) -> None:
@@ -43,13 +43,13 @@ class DemandLog:
         self._stack.close()
 
     def send(self, demand: str) -> None:
-        """Let the controller note a `demand`; does not wait for it."""
+        """Send a `demand` to the controller's log; do not wait for the answer."""
         if self._bench:
             key = Keys(self._bench, "controller").change_by(self._by)
             self._handler = self._session.get(key, payload=json.dumps({"demand": demand}), timeout=_TIMEOUT)
 
     def describe_outcome(self) -> str:
-        """Whether the demand was noted, and under which name, or why not. Waits for the answer."""
+        """Wait for the answer; return whether the demand was logged, and under which name, or why not."""
         try:
             if self._handler is None:
                 raise InputError(self._reason)

@@ -1,6 +1,6 @@
-"""Driver: a supervisor in a thread of its own. It sends the set-points of the last demand, while the program does other things.
+"""Driver: a supervisor in a separate thread. It sends the set-points of the last demand while the program does other things.
 
-If the program keeps Python busy for more than 0.1 s without a pause, set-points are missing, and the controller releases the
+If the program blocks Python for more than 0.1 s without a pause, set-points are missing, and the controller releases the
 clutch.
 """
 
@@ -18,7 +18,7 @@ from protocols.can.other_size import SizeWatch
 from protocols.can.request import Request
 from protocols.errors import InputError
 
-# s for the controller to send its phase and to become idle; on a busy machine it may load for so long
+# s for the controller to send its phase and to become idle; on a busy machine loading may take this long
 _READY_TIMEOUT = 60.0
 _LISTEN_TIME = 0.1  # s, the period of the controller's heartbeat
 _CHECK_INTERVAL = 0.01  # s between checks whether the clutch is released
@@ -35,7 +35,7 @@ class _Goal:
 
 
 class Driver:
-    """Asks the controller on `bus` for idle, then for the profile of the last `follow`.
+    """Demand idle from the controller on `bus`, then the profile of the last `follow`.
 
     Use as a context manager: leaving it releases the clutch. Raises InputError if there is no controller, or if there is
     another supervisor.
@@ -46,7 +46,7 @@ class Driver:
         self._goal = _Goal(_IDLE, time.monotonic())
         self._setpoint = Setpoint(Request.IDLE, 0.0, SPEED, 0.0)
         self._error: Exception | None = None
-        self._objection: str | None = None  # why the controller does not meet the demand
+        self._objection: str | None = None  # reason why the controller does not follow the demand
         self._ready, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._drive, name="clutch-hil driver", daemon=True)
 
@@ -63,16 +63,16 @@ class Driver:
         self._thread.join()
 
     def check(self) -> None:
-        """Raise InputError if the set-points have stopped, or if the controller does not meet the demand."""
+        """Raise InputError if the set-points have stopped, or if the controller does not follow the demand."""
         if self._error:
             raise self._error
         if self._objection:
             raise InputError(f"{self._objection}; release() acknowledges it")
 
     def follow(self, make: Callable[[Setpoint], Profile]) -> None:
-        """Ask from now on for the profile `make(setpoint)`, made from the present set-point. Raises InputError."""
+        """Demand the profile `make(setpoint)` from now on, made from the present set-point. Raises InputError."""
         self.check()
-        # a profile begins with idle for the time IDLE_FIRST; the driver has asked for idle before, so that part is skipped
+        # a profile begins with idle for the time IDLE_FIRST; the driver has demanded idle before, so that part is skipped
         self._goal = _Goal(make(self._setpoint), time.monotonic() - IDLE_FIRST)
 
     def release(self) -> None:

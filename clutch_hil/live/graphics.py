@@ -1,4 +1,4 @@
-"""Graphics: detects a Vulkan driver, of a graphics card or Mesa's software renderer, which the viewer needs to draw."""
+"""Graphics: detect a Vulkan driver, of a graphics card or Mesa's software renderer, which the viewer needs to draw."""
 
 import ctypes
 import subprocess
@@ -12,7 +12,7 @@ _PROBE_TIMEOUT = 60.0  # s; on a quiet machine it takes 0.1 s
 
 
 def has_vulkan() -> bool:
-    """Whether there is a Vulkan device. Another process checks: the driver's compiler would conflict with Numba's."""
+    """Return whether there is a Vulkan device. A separate process checks: the driver's compiler would conflict with Numba's."""
     command = [sys.executable, "-P", "-m", __name__]
     try:
         return subprocess.run(command, capture_output=True, timeout=_PROBE_TIMEOUT, check=False).returncode == 0
@@ -31,7 +31,7 @@ class _InstanceInfo(ctypes.Structure):
 
 
 def _count_devices() -> int:
-    """Number of Vulkan devices. Raises OSError where the Vulkan library is missing."""
+    """Return the number of Vulkan devices. Raises OSError where the Vulkan library is missing."""
     library, instance, count = ctypes.CDLL("libvulkan.so.1"), ctypes.c_void_p(), ctypes.c_uint32()
     if library.vkCreateInstance(ctypes.byref(_InstanceInfo(_INSTANCE)), None, ctypes.byref(instance)):
         return 0  # there is no driver

@@ -1,4 +1,4 @@
-"""`clutch-hil inject`: changes effects, parameters and sensors of a running plant over zenoh, now or at a later time."""
+"""`clutch-hil inject`: change effects, parameters and sensors of a running plant over zenoh, now or at a later time."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,12 +20,12 @@ from protocols.telemetry.lab import find_asker_name
 from protocols.telemetry.message import check_description, check_events
 from protocols.telemetry.session import open_consumer_session
 
-_TIMEOUT = 5.0  # s for an injection: it takes the plant one cycle, and its publisher gives up after 2 s
-_PLANT_PREFIX = "plant."  # allowed before a name, as `clutch-hil tune` shows it
+_TIMEOUT = 5.0  # s for an injection: the plant needs one cycle, and its publisher gives up after 2 s
+_PLANT_PREFIX = "plant."  # allowed before a name, because `clutch-hil tune` shows it
 
 
 def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: Sequence[str]) -> dict[str, float]:
-    """Values by dotted name from the words of the command. Raises InputError.
+    """Return values by dotted name from the words of the command. Raises InputError.
 
     words: names of effects, SHORT=VALUE of the effect before it, or GROUP.NAME=VALUE. freeze: names of sensors. bias:
     SENSOR=VALUE. off: switches effects off, releases frozen sensors and removes biases.
@@ -63,11 +63,11 @@ def list_injection_values(
     bias: Mapping[str, float],
     off: bool,
 ) -> dict[str, float]:
-    """Values by dotted name that an injection sets. Raises InputError for a name that is unknown or given twice.
+    """Return the values that an injection sets, by dotted name. Raises InputError for an unknown or repeated name.
 
     `effects`: their parameters by short name, typical strengths where none is given; `plant`: parameters by dotted name;
-    `freeze`: sensors that keep what they show; `bias`: what sensors show too much, in the unit of the effect. `off` switches
-    the effects off and releases the sensors.
+    `freeze`: sensors that keep their reading; `bias`: offset of each sensor, in the unit of the effect. `off` switches the
+    effects off and releases the sensors.
     """
     values = dict(plant)
     parts = [switch_off(name) if off else switch_on(name, own) for name, own in effects.items()]
@@ -86,9 +86,9 @@ def inject(
     when: Mapping[str, float],
     by: str | None = None,
 ) -> list[dict[str, Any]]:
-    """Inject `values` into the plant, all or none; return the changes planned for it, each with `at` [s] and `row`.
+    """Inject `values` into the plant, all or none; return the planned changes, each with `at` [s] and `row`.
 
-    when: see `plant_sim.node.injection.parse_injection`. by: name of who asks; of this process's user if None. Raises
+    when: see `plant_sim.node.injection.parse_injection`. by: name of the requester; the user of this process if None. Raises
     InputError with the plant's reason when it refuses, SilentError (tune.py) when it does not answer.
     """
     payload = json.dumps({"values": dict(values), **when})
@@ -117,7 +117,7 @@ def run_injection(
 
 
 def _check_clutches(session: zenoh.Session, bench: str, values: Mapping[str, float]) -> None:
-    """Raise InputError where `values` are of a clutch, a or b, and the plant has only one."""
+    """Raise InputError where `values` belong to a clutch, a or b, and the plant has only one."""
     named = [name for name in values if name.partition(".")[0] in CLUTCHES]
     about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3) if named else None
     if about and len(about.get("controllers", CLUTCHES)) == 1:
@@ -127,7 +127,7 @@ def _check_clutches(session: zenoh.Session, bench: str, values: Mapping[str, flo
 
 
 def describe_change(change: Mapping[str, Any]) -> str:
-    """A change as text for people."""
+    """Return a change as text for people."""
     along = f", along {change['ramp']:g} s" if change["ramp"] else ""
     return (
         with_unit(f"{change['name']}  {format_step(change['old'], change['new'])}", change["unit"])
@@ -136,7 +136,7 @@ def describe_change(change: Mapping[str, Any]) -> str:
 
 
 def read_state(session: zenoh.Session, bench: str) -> dict[str, Any]:
-    """State of the running plant: whether it is `blind`, parameters `changed` from their default, planned changes `to_come`.
+    """Return the state of the running plant: whether `blind`, parameters `changed` from their default, changes `to_come`.
 
     Raises InputError when it does not answer.
     """
@@ -152,7 +152,7 @@ def read_state(session: zenoh.Session, bench: str) -> dict[str, Any]:
 
 
 def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str, bool]:
-    """Show what is changed in the running plant, and what is planned; return document, text, verdict and True.
+    """Show the active and the planned changes of the running plant; return document, text, verdict and True.
 
     Raises InputError.
     """
@@ -175,7 +175,7 @@ def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str
 
 
 def list_bus_faults(events: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Parameters of bus faults that are not off, from the `events` of a plant, as entries of its parameters."""
+    """Return parameters of bus faults that are not off, from the `events` of a plant, as entries of its parameters."""
     started = {e["name"]: e for e in events if e.get("injection") == "started" and e["name"] in PARAMETERS}
     entries = [
         {"name": name, "value": event["new"], "unit": event["unit"], "default": PARAMETERS[name].value}
@@ -185,7 +185,7 @@ def list_bus_faults(events: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]
 
 
 def list_planned(events: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Changes by injections among the `events` of a node that are accepted and have not started; the next one first."""
+    """Return changes by injections among the `events` of a node that are accepted and have not started; the next one first."""
     started = [(event["name"], event["row"]) for event in events if event.get("injection") == "started"]
     accepted = [event for event in events if event.get("injection") == "accepted"]
     waiting = [event for event in accepted if (event["name"], event["row"]) not in started]

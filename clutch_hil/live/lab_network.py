@@ -1,14 +1,14 @@
-"""Network of a lab: a file for each role, that zenoh and every command of this project take (protocols/telemetry/lab.py).
+"""Network of a lab: a file for each role, for zenoh and every command of this project (protocols/telemetry/lab.py).
 
 | role | may |
 |---|---|
-| bench | plant and controller: publish, answer, and take changes from the operator; listens |
-| operator | read, and ask for changes under its own name |
+| bench | plant and controller: publish, answer, and accept changes from the operator; listens |
+| operator | read, and request changes under its own name |
 | viewer | read |
 
-Each connection is TLS, and both sides show a certificate of the same authority. The bench applies the rights, by the name in
-the peer's certificate; whatever no rule allows is refused. Nobody but the bench can be connected to: the certificates of others
-are not those of a server.
+Each connection uses TLS, and both sides show a certificate of the same authority. The bench applies the rights, by the name in
+the peer's certificate; anything that no rule allows is refused. Only the bench accepts connections, because the certificates
+of the other roles are not server certificates.
 """
 
 import base64
@@ -28,20 +28,20 @@ from protocols.telemetry.keys import PREFIX
 from protocols.telemetry.lab import BENCH, OPERATOR, ROLES, SUFFIX, VIEWER, check_name
 from protocols.telemetry.session import PORTS
 
-_MOST_DAYS = 825  # what TLS clients accept at most of a server's certificate (Apple, 2019)
+_MOST_DAYS = 825  # longest validity of a server certificate that TLS clients accept (Apple, 2019)
 _LOCAL_HOSTS = ("127.0.0.1", "localhost")
 _PRIVATE_MODE = 0o600  # of a file with a private key
-_PRIVATE_FOLDER = 0o700  # mode of their folder where it is made
+_PRIVATE_FOLDER = 0o700  # mode of a newly created folder of such files
 _READ = ("alive", "record", "history", "last", "describe", "parameters", "event", "events", "request", "requests")
 
 
 def make_lab(
     folder: Path, hosts: Sequence[str], operator: str, days: int, overwrite: bool
 ) -> tuple[dict[str, Any], str, str, bool]:
-    """Write a file for each role into `folder`; return document, text, verdict and True. Raises InputError.
+    """Write a file for each role to `folder`; return document, text, verdict and True. Raises InputError.
 
-    hosts: addresses and names by which others reach the bench, the first is where they connect; none: this machine alone.
-    operator: name in the operator's certificate. days: how long the certificates hold.
+    hosts: addresses and names by which others reach the bench; they connect to the first. None: this machine only.
+    operator: name in the operator's certificate. days: validity of the certificates.
     """
     if not 1 <= days <= _MOST_DAYS:
         raise InputError(f"certificates cannot hold {days} days; allowed are 1 to {_MOST_DAYS}")
@@ -78,10 +78,10 @@ _USES = {
 def describe_roles(
     hosts: Sequence[str], operator: str, authority: Authority, expires: datetime
 ) -> dict[str, dict[str, Any]]:
-    """zenoh's configuration by role, with keys and certificates in it."""
+    """Return zenoh's configuration by role, including keys and certificates."""
     where = "127.0.0.1" if hosts[0] == "localhost" else hosts[0]
     connect = [f"tls/{_bracket(where)}:{port}" for port in PORTS]
-    # a name may mean another address on its own machine (Debian: 127.0.1.1), so the bench then listens on all
+    # a name may mean another address on its own machine (Debian: 127.0.1.1), so the bench then listens on all addresses
     listen = connect if _is_address(where) else [f"tls/0.0.0.0:{port}" for port in PORTS]
     server = [*dict.fromkeys([*hosts, *_LOCAL_HOSTS, *_name_this_machine()])]
     return {
@@ -108,7 +108,7 @@ def _make_configuration(
 
 
 def _make_transport(side: str, authority: Authority, own: Certificate) -> dict[str, Any]:
-    """Of zenoh's configuration: TLS alone, with certificates on both sides; a link ends when its certificate expires."""
+    """Return zenoh's transport settings: TLS only, certificates on both sides; a link ends when its certificate expires."""
     tls = {
         "root_ca_certificate_base64": _encode_base64(authority.certificate),
         f"{side}_certificate_base64": _encode_base64(own.certificate),
@@ -121,7 +121,7 @@ def _make_transport(side: str, authority: Authority, own: Certificate) -> dict[s
 
 
 def _make_rights(operator: str) -> dict[str, Any]:
-    """Access control of the bench: who may do what over its connections. What no rule allows is refused."""
+    """Return the access control of the bench: who may do what over its connections. Anything without a rule is refused."""
     read = [f"{PREFIX}/*/*/{leaf}" for leaf in _READ]
     rules = [
         _make_rule(
@@ -156,7 +156,7 @@ def _make_rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: S
 
 
 def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write the file of every role, readable by its owner alone; none is replaced before all are whole. Raises InputError."""
+    """Write the file of every role, readable by its owner only; replace none before all are complete. Raises InputError."""
     try:
         with whole_files(folder, _PRIVATE_FOLDER) as parts:
             for role, content in files.items():
@@ -168,7 +168,7 @@ def _write_all(folder: Path, files: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def _name_this_machine() -> Iterator[str]:
-    """Name of this machine, where it can be in a certificate."""
+    """Yield the name of this machine, where a certificate can contain it."""
     name = socket.gethostname()
     try:
         yield check_host(name)
@@ -185,7 +185,7 @@ def _is_address(host: str) -> bool:
 
 
 def _bracket(host: str) -> str:
-    """A host as a part of an endpoint: an address of IPv6 in brackets."""
+    """Return a host as a part of an endpoint, an IPv6 address in brackets."""
     return f"[{host}]" if ":" in host else host
 
 

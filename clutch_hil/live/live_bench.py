@@ -55,12 +55,12 @@ def start_bench(
 ) -> "LiveBench":
     """Start plant and controller as processes on `bus`, as `clutch-hil up` does, and return when they run.
 
-    Without `scenario` and `profile` the bench waits for calls such as `demand_torque`; else the demand is that of the profile.
+    Without `scenario` and `profile` the bench waits for calls such as `demand_torque`; otherwise the profile gives the demand.
     `bus` is vcan0, can0, local:NAME, or auto, which is vcan0 if it is up. With `lockstep` the profile is played without a
-    clock, as fast as the machine allows, and is equal to the bit each time. Other arguments are those of `simulate`.
+    clock, as fast as the machine allows, with bit-identical results. Other arguments are those of `simulate`.
 
-    Use it as a context manager, in the main thread: the processes end however the block is left. In real time the program
-    keeps off the CPU of the processes. No run file is kept. Raises InputError.
+    Use it as a context manager in the main thread: the processes end in any case when the block is left. In real time the
+    program stays off the CPU of the processes. No run file is kept. Raises InputError.
     """
     settings = select_settings(locals())
     if not isinstance(bus, str):
@@ -71,7 +71,7 @@ def start_bench(
 
 
 class LiveBench:
-    """A running bench, made by `start_bench`. Its processes end at `stop`, or where its block as a context manager is left."""
+    """A running bench, made by `start_bench`. Its processes end at `stop`, or when its block as a context manager is left."""
 
     def __init__(self, scenario: Scenario, bus: str, lockstep: bool) -> None:
         self._ending = threading.Event()
@@ -104,19 +104,19 @@ class LiveBench:
 
     @property
     def bus(self) -> str:
-        """Name of the bus, for `clutch-hil view --bus` and other commands beside it."""
+        """Return the name of the bus, for other commands such as `clutch-hil view --bus`."""
         return self._session.bus
 
     def demand_torque(self, torque: float, speed: float = SPEED, ramp: float = TORQUE_RAMP) -> None:
-        """Ask for a torque [Nm] at a motor speed [rad/s], reached from the present demand with `ramp` [Nm/s]; return at once.
+        """Demand a torque [Nm] at a motor speed [rad/s], reached from the present demand with `ramp` [Nm/s]; return at once.
 
-        Raises InputError for a demand that is not possible, and if the controller did not meet the demand before.
+        Raises InputError for an impossible demand, and if the controller did not follow the previous demand.
         """
         torque, speed, ramp = take_number("torque", torque), take_number("speed", speed), take_number("ramp", ramp)
         self._start_supervisor().follow(lambda now: make_torque_profile(torque, speed, None, ramp, now.torque))
 
     def demand_pressure(self, pressure: float, speed: float = SPEED, ramp: float = PRESSURE_RAMP) -> None:
-        """Ask for a cylinder pressure [bar] at a motor speed [rad/s], reached with `ramp` [bar/s]; see `demand_torque`."""
+        """Demand a cylinder pressure [bar] at a motor speed [rad/s], reached with `ramp` [bar/s]; see `demand_torque`."""
         pressure, speed, ramp = (
             take_number("pressure", pressure),
             take_number("speed", speed),
@@ -125,7 +125,7 @@ class LiveBench:
         self._start_supervisor().follow(lambda now: make_pressure_profile(pressure, speed, None, ramp, now.pressure))
 
     def demand_lock(self, speed: float = SPEED) -> None:
-        """Ask for a locked clutch, at a motor speed [rad/s]; see `demand_torque`."""
+        """Demand a locked clutch, at a motor speed [rad/s]; see `demand_torque`."""
         speed = take_number("speed", speed)
         self._start_supervisor().follow(lambda now: lock_profile(speed, None))
 
@@ -138,9 +138,9 @@ class LiveBench:
         self._start_supervisor().release()
 
     def wait(self, seconds: float | None = None) -> None:
-        """Let the bench run for `seconds` [s], or to the end of its profile where that is None.
+        """Let the bench run for `seconds` [s], or to the end of its profile if None.
 
-        Raises InputError when a service has ended, or when the controller does not meet the demand.
+        Raises InputError when a service has ended, or when the controller does not follow the demand.
         """
         if seconds is not None and not 0.0 <= (seconds := take_number("seconds", seconds)) < inf:
             raise InputError(f"seconds is {seconds:g}; allowed are 0 and more")
@@ -153,12 +153,12 @@ class LiveBench:
         self._check()
 
     def values(self) -> dict[str, float]:
-        """Newest value of every column of plant and controllers, by its name in a run, in the unit it has there."""
+        """Return the newest value of every column of plant and controllers, by its name in a run, in the unit it has there."""
         self._check()
         return dict(self._values)
 
     def parameters(self) -> dict[str, float]:
-        """Every parameter of plant and controller by full name, as `controller.torque.integral_gain`, in its declared unit.
+        """Return every parameter of plant and controller by full name, as `controller.torque.integral_gain`, in its unit.
 
         Raises InputError.
         """
@@ -169,8 +169,8 @@ class LiveBench:
     def tune(self, values: Values) -> list[dict[str, Any]]:
         """Set parameters by name, with or without `plant.` or `controller.` before it, in declared units, between two cycles.
 
-        Returns the changes: node, name, old, new, unit, and `row`, the first sample of that node with it. All names and values
-        are checked before anything is set. Raises InputError.
+        Return the changes: node, name, old, new, unit, and `row`, the first sample of that node with the new value. All names
+        and values are checked before any is set. Raises InputError.
         """
         numbers = {name: take_number(name, value) for name, value in take_mapping("values", values).items()}
         published = self._connect_telemetry()
@@ -193,13 +193,13 @@ class LiveBench:
         until: float | None = None,
         lasting: float | None = None,
     ) -> list[dict[str, Any]]:
-        """Switch effects of the plant on, with typical values or those given by short name, or `off`; change the plant.
+        """Switch effects of the plant on, with typical or given values by short name, or `off`; change parameters and sensors.
 
-        plant: parameters by dotted name, in declared units. freeze: sensors whose value stays. bias: value by sensor that is
-        added to it. The change begins `at` [s of the plant's time], `after` [s from now], or now. It takes `ramp` [s]. It is
-        undone at `until` [s of the plant's time], or `lasting` [s] after it is complete.
+        plant: parameters by dotted name, in declared units. freeze: sensors that keep their value. bias: offset by sensor,
+        added to its value. The change begins `at` [s of the plant's time], `after` [s from now], or now. It takes `ramp` [s].
+        It is undone at `until` [s of the plant's time], or `lasting` [s] after it is complete.
 
-        Returns the changes that the plant has planned: name, old, new, unit, `at` [s] and `row`. Raises InputError.
+        Return the changes that the plant has planned: name, old, new, unit, `at` [s] and `row`. Raises InputError.
         """
         added = {
             what: {name: take_number(name, value) for name, value in take_mapping(what, values).items()}
@@ -217,9 +217,9 @@ class LiveBench:
     def stop(self) -> Run:
         """Release the clutch and end the processes; return the run since the start: columns of a run file, each (samples,).
 
-        A fault of the controller is in the run, and raises nothing. Raises InputError if a service had failed, if there are
-        fewer than two samples, or if the run is too long to be read: with one clutch 630 s at 1 kHz can be. What is not read
-        is kept, in a file that the error names.
+        A fault of the controller is part of the run and raises no error. Raises InputError if a service failed, if there are
+        fewer than two samples, or if the run is too long to be read into memory; with one clutch, 630 s at 1 kHz can be read. A
+        run that is not read is kept in a file that the error names.
         """
         self._check_lives()
         if self._driver:
@@ -263,14 +263,14 @@ class LiveBench:
             self._driver.check()
 
     def _check_lives(self) -> None:
-        """Raise the error of the recorder, or that the bench has been stopped."""
+        """Raise the error of the recorder, or an InputError if the bench has been stopped."""
         if self._error:
             raise self._error
 
     def _start_supervisor(self) -> Driver:
-        """The driver that asks the controller.
+        """Return the driver that sends demands to the controller.
 
-        Raises InputError if a profile makes the demands, and the error of the recorder, if there was one.
+        Raises InputError if the demand comes from a profile, and the error of the recorder, if there was one.
         """
         if self._driver is None:
             raise InputError(
@@ -295,5 +295,5 @@ class LiveBench:
 
 
 def _keep(path: Path) -> Path:
-    """Move a file out of a temporary folder, into one that stays; return where it is."""
+    """Move a file from a temporary folder to a permanent one; return its new path."""
     return path.rename(Path(mkdtemp(prefix="clutch-hil-run-")) / path.name)

@@ -1,4 +1,4 @@
-"""`clutch-hil monitor`: shows a running bench on one screen of 80 x 24 characters, from its telemetry."""
+"""`clutch-hil monitor`: show a running bench on one screen of 80 x 24 characters, from its telemetry."""
 
 import time
 from typing import Any
@@ -19,7 +19,7 @@ from protocols.telemetry.session import open_consumer_session
 _SETTLING_TIME = 1.0  # s before the first judgement: twice STALL_SECONDS
 _DRAW_PERIOD = 0.25  # s
 _LINE_PERIOD = 2.0  # s between lines where the output is no terminal
-_READ_TIMEOUT = 0.1  # s to wait for a batch, so that a stalled service is noticed and drawn too
+_READ_TIMEOUT = 0.1  # s to wait for a batch, so that a stalled service is also noticed and drawn
 
 
 def watch(
@@ -27,7 +27,7 @@ def watch(
 ) -> tuple[dict[str, Any], str, str, bool]:
     """Watch the bench on `bus`, None for the only one, for `seconds`, None until Ctrl-C; once: for one snapshot only.
 
-    Returns document, text, verdict, and whether there is no trouble. Raises InputError when there is no such bench.
+    Return document, text, verdict, and whether there is no trouble. Raises InputError when there is no such bench.
     """
     if seconds is not None and not seconds > 0.0:
         raise InputError(f"monitor cannot watch for {seconds:g} s; allowed is more than 0")
@@ -73,7 +73,7 @@ def _list_phases(snapshot: Snapshot) -> str:
 
 
 def _render_text(snapshot: Snapshot) -> str:
-    """The screen as text, in the colours the terminal has."""
+    """Return the screen as text, in the colours that the terminal supports."""
     console = Console(width=80)
     with console.capture() as capture:
         console.print(draw_snapshot(snapshot, console.width))
@@ -81,7 +81,7 @@ def _render_text(snapshot: Snapshot) -> str:
 
 
 class _Screen:
-    """Shows snapshots on the whole terminal, or a line every 2 s where there is no terminal; nothing when `quiet`."""
+    """Show snapshots on the whole terminal, or a line every 2 s where there is no terminal; nothing when `quiet`."""
 
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet

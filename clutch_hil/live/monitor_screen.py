@@ -17,14 +17,12 @@ from clutch_hil.live.snapshot import QUANTITIES, ClutchSnapshot, Quantity, Snaps
 from protocols.can.fault_text import WAITS_FOR_IDLE
 from protocols.telemetry.keys import find_bus
 
-_LEAST_RANGE = 0.05  # of the full scale, from bottom to top of a sparkline, so that noise looks small
-_WIDE = (
-    120  # columns of a terminal in which the lines of two clutches have all their points side by side: 108 are needed
-)
+_LEAST_RANGE = 0.05  # of the full scale: least range of a sparkline, so that noise looks small
+_WIDE = 120  # columns of a terminal in which the sparklines of two clutches fit side by side with all points: 108 are needed
 
 
 def draw_snapshot(snapshot: Snapshot, width: int = 80) -> Group:
-    """A snapshot as a screen of `width` x 24, 80 or more wide; what is wider than 80 is used for the lines of two clutches."""
+    """Return a snapshot as a screen of `width` x 24, at least 80 wide; extra width is for the sparklines of two clutches."""
     two = len(snapshot.clutches) > 1
     return Group(
         _draw_rule(f"clutch-hil monitor, {find_bus(snapshot.bench)}"),
@@ -89,7 +87,7 @@ def _make_quantities(clutch: ClutchSnapshot) -> Table:
 
 
 def _make_quantities_of_two(clutches: Sequence[ClutchSnapshot], width: int) -> Table:
-    """Values and lines of two clutches, with one scale for both; in a narrow terminal a line has every second point."""
+    """Return values and sparklines of two clutches with one scale; in a narrow terminal, every second point is shown."""
     step = 1 if width >= _WIDE else 2
     table = _make_grid(16, 8, 8, 6, 1, POINTS // step, 1, POINTS // step)
     for column in table.columns[1:3]:
@@ -113,7 +111,7 @@ def _make_quantities_of_two(clutches: Sequence[ClutchSnapshot], width: int) -> T
 
 
 def _draw_trace(quantity: Quantity, clutch: ClutchSnapshot, scaled: Sequence[ClutchSnapshot], step: int) -> Text:
-    """A line of the last 10 s with every `step`-th point, on the scale that the quantity's group has in all of `scaled`."""
+    """Return a sparkline of the last 10 s with every `step`-th point, on the scale of the quantity's group in all `scaled`."""
     shared = np.concatenate([each.traces[q.name] for each in scaled for q in QUANTITIES if q.group == quantity.group])
     low = float(np.nanmin(shared, initial=quantity.full))
     high = max(float(np.nanmax(shared, initial=0.0)), low + _LEAST_RANGE * quantity.full)
@@ -178,7 +176,7 @@ def _format_number(value: float, form: str) -> str:
 
 
 def format_snapshot(snapshot: Snapshot) -> str:
-    """A snapshot on one line."""
+    """Return a snapshot on one line."""
     states = "  ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items())
     clutches = "".join(_format_clutch(clutch) for clutch in snapshot.clutches)
     return (

@@ -1,6 +1,6 @@
-"""`clutch-hil panel`: drives the clutch from the keyboard, over the bus alone.
+"""`clutch-hil panel`: drive the clutch from the keyboard, over the bus alone.
 
-A terminal that hangs stops the set-points, and the controller releases the clutch, as nobody watches it any more.
+If the terminal hangs, the set-points stop and the controller releases the clutch, because nobody watches it any more.
 """
 
 import contextlib
@@ -30,8 +30,8 @@ from protocols.can.request import Request
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 
-_DRAW_CYCLES = RATE // 10  # cycles: 10 Hz, as often as the controller's status comes
-_STATUS_DELAY = 0.3  # s, three status frames: an earlier status may belong to the request before
+_DRAW_CYCLES = RATE // 10  # cycles: 10 Hz, as often as the controller's status arrives
+_STATUS_DELAY = 0.3  # s, three status frames: an earlier status may belong to the previous request
 _BAR_WIDTH = 28  # characters
 _KEY_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
     "up": (0.5, 0.0, 0.0), "down": (-0.5, 0.0, 0.0), "page up": (5.0, 0.0, 0.0), "page down": (-5.0, 0.0, 0.0),
@@ -39,7 +39,7 @@ _KEY_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
     "+": (0.0, 0.0, 0.05), "-": (0.0, 0.0, -0.05),
 }  # fmt: skip
 _CLOSING_KEYS = {"e": Request.ENGAGE, "p": Request.PRESSURE, "l": Request.LOCK}
-_SEQUENCES = {  # what a terminal sends for a key without a letter
+_SEQUENCES = {  # character sequences that a terminal sends for a key without a letter
     "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left",
     "\x1bOA": "up", "\x1bOB": "down", "\x1bOC": "right", "\x1bOD": "left",
     "\x1b[5~": "page up", "\x1b[6~": "page down", "\x1b[1;2A": "page up", "\x1b[1;2B": "page down",
@@ -55,7 +55,7 @@ _HELP = (
 
 @dataclass
 class Panel:
-    """The operator's demand, which keys change: torque [Nm], signed motor speed [rad/s], pressure [bar]."""
+    """The operator's demand, changed by keys: torque [Nm], signed motor speed [rad/s], pressure [bar]."""
 
     torque: float = 5.0
     speed: float = 10.47  # 100 rpm, the speed of the profiles
@@ -63,7 +63,7 @@ class Panel:
     request: Request = Request.IDLE
     message: str = ""
     quit: bool = False
-    _since: float = 0.0  # s, when the request came
+    _since: float = 0.0  # s, time of the request
 
     def press(self, key: str, answer: Answer, now: float) -> None:
         """Change the demand by a key pressed at `now` [s]; answer: the present state on the bus."""
@@ -83,7 +83,7 @@ class Panel:
                 self.message = f"not engaged: it must be idle first (key i), its phase is {answer.phase or '-'}"
 
     def react(self, answer: Answer, objection: str | None, now: float) -> None:
-        """Release a clutch that the controller refuses to close; demand idle once it is released."""
+        """Release the clutch if the controller refuses to close it; demand idle once it is released."""
         if self.request.closes and objection:
             self._ask(Request.RELEASE, f"{objection}{'; i acknowledges it' if answer.phase == 'fault' else ''}", now)
         elif self.request is Request.RELEASE and answer.phase == "idle" and now - self._since > _STATUS_DELAY:
@@ -94,7 +94,7 @@ class Panel:
 
 
 class Keyboard:
-    """Reads single keys of a terminal, without echo; leaving it restores the terminal. Raises InputError without a terminal."""
+    """Read single keys of a terminal, without echo; leaving it restores the terminal. Raises InputError without a terminal."""
 
     def __init__(self, stream: TextIO) -> None:
         if not stream.isatty():
@@ -108,11 +108,11 @@ class Keyboard:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(termios.error):  # a terminal that has been closed needs no restoring
+        with contextlib.suppress(termios.error):  # a closed terminal needs no restoring
             termios.tcsetattr(self._terminal, termios.TCSANOW, self._before)
 
     def read_keys(self) -> list[str]:
-        """Names of the keys pressed since the last call, letters in lower case; `end` when the terminal is closed."""
+        """Return names of the keys pressed since the last call, letters in lower case; `end` when the terminal is closed."""
         while select.select([self._terminal], [], [], 0.0)[0]:
             try:
                 read = os.read(self._terminal, 1024)
@@ -161,7 +161,7 @@ def drive(bus: str, network: str | None = None) -> tuple[str, str, bool]:
 
 
 def draw_panel(panel: Panel, answer: Answer, bus: str) -> Box:
-    """The panel as a box of 80 columns."""
+    """Return the panel as a box of 80 columns."""
     table = Table.grid(padding=(0, 2))
     for style in (palette.DIM, "bold", "", ""):
         table.add_column(style=style)

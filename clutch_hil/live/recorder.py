@@ -1,7 +1,7 @@
-"""Recorder: writes the rows of a bench into run files.
+"""Recorder: write the rows of a bench to run files.
 
 A run file has one row for each sample, at a constant rate, and no row is invented. So where rows of the plant were lost, or
-where the plant started anew, a file ends and the next one begins: RUN.parquet, RUN-2.parquet, ...
+where the plant was restarted, a file ends and the next one begins: RUN.parquet, RUN-2.parquet, ...
 """
 
 import contextlib
@@ -30,15 +30,15 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, find_bus
 
-RUNS = "runs"  # folder of recordings without a name of their own
+RUNS = "runs"  # folder of recordings without a given name
 _INJECTION_KEYS = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the metadata
-_KEPT_BATCHES = 100  # batches of each controller, kept because they may come before the rows of the plant
+_KEPT_BATCHES = 100  # batches kept of each controller, because they may arrive before the rows of the plant
 _DESCRIPTION_TIMEOUT = 10.0  # s from the first row, within which every node must have described itself
 
 
 @dataclass
 class RecordingResult:
-    """What was recorded: number of samples by file, number of rows lost by node, number of parameter changes; rate [Hz]."""
+    """Result of a recording: number of samples by file, number of lost rows by node, number of parameter changes; rate [Hz]."""
 
     bench: str
     rate: int = 0
@@ -47,16 +47,16 @@ class RecordingResult:
     parameter_changes: int = 0
     faults: str = ""  # as text, for the verdict
     fault_count: int = 0
-    rejections: str = ""  # what came from others under the keys of the bench, for the verdict
+    rejections: str = ""  # data from other senders under the keys of the bench, for the verdict
 
     @property
     def good(self) -> bool:
-        """Whether no row was lost, and no controller had a fault."""
+        """Return whether no row was lost, and no controller had a fault."""
         return not any(self.lost.values()) and not self.fault_count
 
     @property
     def verdict(self) -> str:
-        """The verdict line."""
+        """Return the verdict line."""
         seconds = sum(self.files.values()) / self.rate
         length = f"{seconds:.1f} s recorded"
         if len(self.files) > 1:
@@ -66,7 +66,7 @@ class RecordingResult:
 
     @property
     def text(self) -> str:
-        """What was read and written, as text."""
+        """Return what was read and written, as text."""
         changes = f", {format_count(self.parameter_changes, 'parameter')} changed" if self.parameter_changes else ""
         lines = [f"read:    bench {self.bench}, {self.rate} Hz{changes}"]
         lines += [f"wrote:   {path}  ({samples} samples)" for path, samples in self.files.items()]
@@ -74,7 +74,7 @@ class RecordingResult:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The result for JSON."""
+        """Return the result for JSON."""
         return {
             "bench": self.bench,
             "rate_hz": self.rate,
@@ -90,7 +90,7 @@ class RecordingResult:
 
 @dataclass(frozen=True)
 class _NodeDescription:
-    """What a node said about itself when it was `asked` (UNIX time [s])."""
+    """Description that a node gave of itself when it was `asked` (UNIX time [s])."""
 
     node: str
     described: dict[str, Any]
@@ -98,7 +98,7 @@ class _NodeDescription:
     asked: float
 
     def list_parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
-        """Parameters at a UNIX time [s]: those at the time `asked`, with the changes in between made or undone."""
+        """Return the parameters at a UNIX time [s]: those at the time `asked`, with later changes applied or undone."""
         own = [change for change in changes if change["node"] == self.node]
         later = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
         earlier = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
@@ -106,10 +106,10 @@ class _NodeDescription:
 
 
 class Recorder:
-    """Records the rows of `feed` into `path`, and into further files beside it. Use as a context manager.
+    """Record the rows of `feed` to `path`, and to further files beside it. Use as a context manager.
 
     path: if None, the file is named by date and time, in the folder `runs`. blind: keep the truth out of the run files.
-    tell: gets lines that stay on the terminal.
+    tell: called with lines that remain on the terminal.
     """
 
     def __init__(
@@ -123,13 +123,13 @@ class Recorder:
         self.recorded = RecordingResult(feed.bench)
         self._session, self._feed, self._path = session, feed, path
         self._blind = blind
-        self._tapes: dict[Path, Tape] = {}  # the last one takes rows; those before wait for rows of the controllers
+        self._tapes: dict[Path, Tape] = {}  # the last one receives rows; earlier ones wait for rows of the controllers
         self._metadata: dict[Path, dict[str, Any]] = {}
         self._descriptions: dict[str, _NodeDescription] = {}  # by node
-        self._early: list[Batch] = []  # of the plant, from before every node has described itself
+        self._early: list[Batch] = []  # of the plant, before every node has described itself
         self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for all nodes to describe themselves
         self._recent: dict[str, deque[Batch]] = defaultdict(lambda: deque(maxlen=_KEPT_BATCHES))  # by controller
-        self._tell = tell  # a line that stays on the terminal
+        self._tell = tell  # prints a line that remains on the terminal
         self._faults: dict[str, FaultWatch] = {}  # by controller
         self._changes: list[dict[str, Any]] = []
 
@@ -150,18 +150,18 @@ class Recorder:
 
     @property
     def began(self) -> bool:
-        """Whether rows of the plant have come."""
+        """Return whether rows of the plant have arrived."""
         return bool(self._metadata)
 
     def describe_status(self) -> str:
-        """What has been recorded so far, as text."""
+        """Return what has been recorded so far, as text."""
         if not self.began:
             return f"bench {self._feed.bench}: waiting for the plant's first row"
         samples = sum(self.recorded.files.values()) + sum(tape.rows for tape in self._tapes.values())
         return f"bench {self._feed.bench}: {samples} samples, lost {sum(self._feed.lost.values())}"
 
     def step(self, plant: bool = True) -> bool:
-        """Take the rows that have come, those of the plant only if `plant`; return whether any came.
+        """Process the rows that have arrived, those of the plant only if `plant`; return whether any arrived.
 
         Raises InputError when a node does not describe itself.
         """
@@ -199,7 +199,7 @@ class Recorder:
             raise InputError(f"bench {self._feed.bench} published no rows; nothing was recorded")
 
     def _take_faults(self, batch: Batch) -> None:
-        """Tell the faults that begin or end in a batch of a controller."""
+        """Report the faults that begin or end in a batch of a controller."""
         node = batch.node
         if node not in self._faults:
             about = self._descriptions.get(node)
@@ -209,13 +209,13 @@ class Recorder:
             self._tell(fault.line)
 
     def _list_nodes(self) -> tuple[str, ...]:
-        """Nodes of a run: the plant, and the controllers that it names."""
+        """Return the nodes of a run: the plant, and the controllers that it names."""
         if "plant" not in self._descriptions:
             return NODES
         return ("plant", *self._descriptions["plant"].described.get("controllers", NODES[1:]))
 
     def _are_all_described(self) -> bool:
-        """Whether all nodes have described themselves. Raises InputError when one has not before the deadline."""
+        """Return whether all nodes have described themselves. Raises InputError when one has not before the deadline."""
         missing = [node for node in self._list_nodes() if node not in self._descriptions]
         self._deadline = min(self._deadline, time.monotonic() + _DESCRIPTION_TIMEOUT)
         if missing and time.monotonic() > self._deadline:
@@ -225,7 +225,7 @@ class Recorder:
         return not missing
 
     def _add_plant(self, batch: Batch) -> None:
-        """Add `batch` to the last tape if it goes on there; else to a new one, with the recent rows of the controllers."""
+        """Add `batch` to the last tape if it continues there; else to a new tape, with the recent rows of the controllers."""
         last = list(self._tapes.values())[-1:]
         if last and last[0].follows(batch):
             last[0].add_plant(batch)
@@ -237,7 +237,7 @@ class Recorder:
             tape.add_controller(recent)
 
     def _make_tape(self, batch: Batch) -> Tape:
-        """A tape that begins with `batch` of the plant."""
+        """Return a tape that begins with `batch` of the plant."""
         if self._descriptions["plant"].described["session"] != batch.session:
             for node in self._list_nodes():
                 self._ask(node)
@@ -273,17 +273,17 @@ class Recorder:
         return tape
 
     def _list_columns(self, node: str) -> list[Column]:
-        """Columns of a node, from its description."""
+        """Return the columns of a node, from its description."""
         return [Column(**column) for column in self._descriptions[node].described["columns"]]
 
     def _note_changes(self) -> None:
         self._changes += self._feed.take_events()
 
     def _ask(self, node: str) -> None:
-        """Ask a node to describe itself, as soon as it is alive: it may have ended before its last rows come."""
+        """Request the description of a node as soon as it is alive: it may have ended before its last rows arrive."""
         asked_at = time.time()
         if (described := self._feed.describe(node)) is not None:
-            with contextlib.suppress(InputError):  # it has ended in between
+            with contextlib.suppress(InputError):  # it has ended in the meantime
                 entries = request_parameters(self._session, self._feed.bench, node)
                 values = {entry["name"]: entry["value"] for entry in entries}
                 self._descriptions[node] = _NodeDescription(node, described, values, asked_at)
@@ -305,7 +305,7 @@ class Recorder:
 
 
 def make_rows_path(path: Path) -> Path:
-    """File of Parquet into which rows for `path` are written while they come."""
+    """Return the Parquet file to which rows for `path` are written as they arrive."""
     return path if path.suffix.lower() == ".parquet" else path.with_name(path.name + ".parquet")
 
 

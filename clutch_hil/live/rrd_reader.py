@@ -1,4 +1,4 @@
-"""RRD reader: reads the rows of an .rrd file that a screen has logged."""
+"""RRD reader: read the rows of an .rrd file that a screen has logged."""
 
 import warnings
 from collections import defaultdict
@@ -25,8 +25,8 @@ _SCALARS = "Scalars:scalars"
 class Table(Mapping[str, np.ndarray]):
     """All rows of a node in order; columns by name, each (n,).
 
-    row: numbers of the rows, which begin again when the node is restarted. columns: with names and units. rows: (n, columns).
-    rate [Hz].
+    row: row numbers, which start again when the node is restarted. columns: with names and units. rows: (n, columns). rate
+    [Hz].
     """
 
     node: str
@@ -48,7 +48,7 @@ class Table(Mapping[str, np.ndarray]):
         return len(self.columns)
 
     def make_batches(self) -> list[Batch]:
-        """The rows as batches without gaps, for `Screen.log`; their session counts the starts of the node from 1."""
+        """Return the rows as batches without gaps, for `Screen.log`; their session counts the starts of the node from 1."""
         cuts = [0, *(np.flatnonzero(np.diff(self.row) != 1) + 1), len(self.row)]
         batches, session = [], 1
         for begin, end in pairwise(cuts):
@@ -59,9 +59,9 @@ class Table(Mapping[str, np.ndarray]):
 
 
 def read_rrd(path: Path) -> dict[str, Table]:
-    """Rows of each node in an .rrd file that a `Screen` has written, by "node", or by "prefix/node" of a run below a prefix.
+    """Return the rows of each node in an .rrd file of a `Screen`, by "node", or by "prefix/node" for a run below a prefix.
 
-    Raises InputError naming the file when it is of another program or was cut off.
+    Raises InputError naming the file when it was written by another program or is incomplete.
     """
     labels: dict[str, dict[str, Any]] = {}
     chunks: dict[str, list[pa.RecordBatch]] = defaultdict(list)
@@ -91,7 +91,7 @@ LABELS = ("columns", "units", "index", "node", "rate_hz", "path")  # logged besi
 
 def _open_reader(path: Path) -> RrdReader:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RerunWarning)  # of a file without a footer, which only an index needs
+        warnings.simplefilter("ignore", RerunWarning)  # for a file without a footer, which only an index needs
         return RrdReader(path)
 
 
@@ -113,7 +113,7 @@ def _find_entity(label: Mapping[str, Any], records: list[pa.RecordBatch]) -> _En
     width = len(label["columns"])
     values = table[_SCALARS].combine_chunks().flatten().to_numpy().reshape(-1, width)
     first = table[TIME].to_numpy().astype(np.int64) if TIME in table.schema.names else np.zeros(len(row))
-    order = np.lexsort((row, first))  # by time first, as row numbers begin again after a restart
+    order = np.lexsort((row, first))  # by time first, because row numbers start again after a restart
     columns = [Column(name, unit, "") for name, unit in zip(label["columns"], label["units"], strict=True)]
     return _Entity(label["node"][0], label["rate_hz"][0], label["index"], columns, row[order], values[order])
 
@@ -123,7 +123,7 @@ def _list_row_columns(record: pa.RecordBatch) -> list[str]:
 
 
 def _make_table(path: Path, entities: list[_Entity]) -> Table:
-    """Table of the entities of a node, with the columns in the node's order. Raises InputError for unequal rows."""
+    """Return the table of the entities of a node, with the columns in the node's order. Raises InputError for unequal rows."""
     row = entities[0].row
     if any(not np.array_equal(entity.row, row) for entity in entities):
         raise InputError(f"file {path}: the signals of {entities[0].node} do not have the same rows")

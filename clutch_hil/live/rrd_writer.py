@@ -1,4 +1,4 @@
-"""RRD writer: writes an .rrd file, rerun's format, that gets its name only when it is complete."""
+"""RRD writer: write an .rrd file, rerun's format, that gets its name only when it is complete."""
 
 import errno
 import os
@@ -16,13 +16,13 @@ from protocols.errors import InputError
 from protocols.files.output_file import check_new_file, make_part_path, open_part, put_in_place
 from protocols.telemetry.batch import Batch
 
-# bytes that stay free: on a full disk rerun's writer may block for ever, and the process then ends by no signal but SIGKILL
+# bytes that stay free: on a full disk rerun's writer may block for ever, and only SIGKILL then ends the process
 _LEAST_SPACE = 16 << 20
-_GROWTH = 2  # of a file, for each byte of rows: 1.4 measured
+_GROWTH = 2  # growth of a file per byte of rows: 1.4 measured
 
 
 class RrdWriter:
-    """Writes screens, one for each of `prefixes`, into the file at `path`, with their layout. Use as a context manager.
+    """Write screens, one for each of `prefixes`, to the file at `path`, with their layout. Use as a context manager.
 
     Leaving it by an exception, or without `finish`, leaves `path` as it was. Raises InputError when the file has another suffix
     or cannot be written.
@@ -68,7 +68,7 @@ class RrdWriter:
             raise InputError(f"file {self.path} cannot be written: {error}") from None
 
     def finish(self) -> None:
-        """Write the rest and give the file its name. Raises InputError when the disk is full."""
+        """Write the rest and name the file. Raises InputError when the disk is full."""
         try:
             self._recording.flush()
             self._recording.disconnect()
@@ -94,14 +94,14 @@ class RrdWriter:
 
 
 def check_space(path: Path, size: int) -> None:
-    """Raise InputError where the disk of `path`, an .rrd file, has no place for rows of `size` [bytes] more."""
+    """Raise InputError where the disk of `path`, an .rrd file, has no space for `size` [bytes] more of rows."""
     disk = os.statvfs(path.parent)
     if disk.f_bavail * disk.f_frsize < _LEAST_SPACE + _GROWTH * size:
         raise InputError(f"file {path} cannot be written: {os.strerror(errno.ENOSPC)}")
 
 
 def check_rrd(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
-    """`path`, if an .rrd file can be written there, and no other file is lost by it (`check_new_file`). Raises InputError."""
+    """Return `path` if an .rrd file can be written there without loss of another file (`check_new_file`). Raises InputError."""
     _check_suffix(path)
     return check_new_file(path, overwrite, inputs)
 

@@ -86,7 +86,7 @@ class ReplayResult:
 
     @property
     def good(self) -> bool:
-        """Whether the viewer did not fail."""
+        """Return whether the viewer did not fail."""
         return not self.viewer
 
     @property

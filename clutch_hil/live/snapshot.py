@@ -105,7 +105,7 @@ class Snapshot:
 
     @property
     def waits_for_idle(self) -> bool:
-        """Whether a controller waits for a request for idle."""
+        """Return whether a controller waits for a request for idle."""
         return any(clutch.waits_for_idle for clutch in self.clutches)
 
     @property

@@ -50,7 +50,7 @@ class Tape:
         self._recording.keep_journal(metadata)
 
     def follows(self, batch: Batch) -> bool:
-        """Whether a batch of the plant continues where the last one ended."""
+        """Return whether a batch of the plant continues where the last one ended."""
         return (batch.session, batch.first_row) == (self._session, self._end)
 
     def add_plant(self, batch: Batch) -> None:

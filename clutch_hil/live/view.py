@@ -114,7 +114,7 @@ class ViewResult:
 
     @property
     def good(self) -> bool:
-        """Whether rows came, none was lost, and the viewer did not fail."""
+        """Return whether rows came, none was lost, and the viewer did not fail."""
         return any(self.rows.values()) and not (self.lost_rows or self.viewer)
 
     @property
@@ -257,7 +257,7 @@ class Watch:
 
     @property
     def is_over(self) -> bool:
-        """Whether the view is over."""
+        """Return whether the view is over."""
         return self._stop.asked or (self._end is not None and time.monotonic() >= self._end)
 
     def wait(self, *threads: FeedThread) -> None:

@@ -90,7 +90,7 @@ class _Server(ThreadingHTTPServer):
 
 
 def _has_left(peer: socket.socket) -> bool:
-    """Whether a peer has closed its connection."""
+    """Return whether a peer has closed its connection."""
     try:
         (waits := select.poll()).register(peer, select.POLLIN)  # to receive would wait: the connection has a timeout
         return bool(waits.poll(0)) and peer.recv(1, socket.MSG_PEEK) == b""
@@ -172,7 +172,7 @@ class ViewerPage:
                 self.end_headers()
 
             def _check_token(self) -> bool:
-                """Whether the browser knows the token, by the address or by the cookie; refuse it where it does not."""
+                """Return whether the browser knows the token, by the address or by the cookie; refuse it where it does not."""
                 if token is None:
                     return True
                 known = parse_qs(self.path.partition("?")[2]).get("token", [])
