@@ -1,4 +1,4 @@
-"""clutch-hil from Python: `import clutch_hil as ch`. What `__all__` names is public; everything else may change.
+"""clutch-hil from Python: `import clutch_hil as ch`. The names in `__all__` are public; everything else may change.
 
     run = ch.simulate("engagement", effects=["internal_leakage"], plant={"friction_level.level": 0.9})
     run["clutch_torque_nm"], run.units["clutch_torque_nm"], ch.measure_run(run)
@@ -6,13 +6,13 @@
 simulate, sweep (grid, random, latin_hypercube), measure_run, draw_run, draw_sweep: runs in memory
 start_bench: plant and controller as processes on a bus, driven by a program
 read_run, write_run: run files
-find_discrepancy, play_experiment: what a model lacks that recordings have
+find_discrepancy, play_experiment: what a model lacks that recordings show
 identify_clutch: the calibration of a clutch, from recordings
 identify_friction, read_friction: a friction law from recordings of any rig
 reproduce, friction: results and friction models of the thesis
 
-docs/python.md has an example of each. A public name is loaded when it is first used: the services of a bench load this package,
-too, and need none of them.
+docs/python.md has an example of each. A public name is loaded at its first use, because the services of a bench load this
+package too and need none of these names.
 """
 
 from importlib import import_module
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from protocols.files.run import Run
     from protocols.files.runs import write_run
 
-_PARTS = ("protocols", "plant_sim", "rt_controller")  # the packages beside this one
+_PARTS = ("protocols", "plant_sim", "rt_controller")  # the packages installed with this one
 
 
 def _check_parts() -> None:
-    """Raise ImportError where something else has the name of a package that this one needs."""
+    """Raise ImportError where another package has the name of a package that this one needs."""
     home = Path(__file__).resolve().parents[1]
     for name in _PARTS:
         spec = find_spec(name)

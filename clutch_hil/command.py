@@ -1,7 +1,7 @@
 """`clutch-hil`: the command. Its sub-commands are found by entry point (`clutch_hil.commands`).
 
 Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, or stdout cannot be written, 130 interrupted
-before there was a result, 141 nobody reads stdout any more.
+before there was a result, 141 the reader of stdout has ended.
 """
 
 import contextlib
@@ -31,10 +31,10 @@ from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
 from protocols.moved_modules import describe_moves
 from protocols.realtime.stopping import list_heeded_signals
 
-_REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one has reached it
+_REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one takes effect
 _LAST_STREAM = 2  # number of the standard error
-INTERRUPTED = 130  # 128 and SIGINT, as of every shell
-UNREAD = 141  # 128 and SIGPIPE, as of every shell: the other end of a pipe, such as `head`, has ended
+INTERRUPTED = 130  # 128 + SIGINT, as in every shell
+UNREAD = 141  # 128 + SIGPIPE, as in every shell: the other end of a pipe, such as `head`, has ended
 # Hz. Below, a period of the 10 Hz pressure loop has fewer than five samples; above, a plant step is one integration step
 RATES = (50, 10_000)
 
@@ -52,7 +52,7 @@ def emit(document: Any) -> None:
 
 
 def format_json(document: Any, indent: int | None = None) -> str:
-    """A document as the text of JSON, which knows neither NaN nor infinity: both become null."""
+    """Return a document as JSON text. JSON has neither NaN nor infinity: both become null."""
     return json.dumps(_replace_infinite(document), indent=indent, allow_nan=False)
 
 
@@ -67,7 +67,7 @@ def _replace_infinite(value: Any) -> Any:
 def report(document: Any, text: str, verdict_text: str, good: bool, as_json: bool) -> None:
     """End a command: print the document as JSON, or text and verdict line; exit code 1 if not `good`.
 
-    A document without an entry `verdict` is given the verdict line as one; a list stays one.
+    The verdict line is added to a document without an entry `verdict`; a list is not changed.
     """
     if as_json:
         emit({**document, "verdict": document.get("verdict", verdict_text)} if isinstance(document, dict) else document)
@@ -89,7 +89,7 @@ def check_rate(rate: int) -> int:
 def write_summary(path: Path | None, document: Any) -> None:
     """Write the JSON summary of a service for the process that started it. Raises InputError.
 
-    No folder is made: where that process was killed, and its folder is removed, there is nobody to write for.
+    No folder is created: if that process was killed and its folder removed, nobody reads the summary.
     """
     if path:
         if not path.parent.is_dir():
@@ -99,7 +99,7 @@ def write_summary(path: Path | None, document: Any) -> None:
 
 
 class _Output(io.TextIOWrapper):
-    """Standard output. What cannot be written is an InputError: an exit code of 0 or 1 would be a verdict that nobody saw."""
+    """Standard output. A failed write is an InputError: an exit code of 0 or 1 would stand for a verdict that nobody saw."""
 
     _failed = False
 
@@ -112,7 +112,7 @@ class _Output(io.TextIOWrapper):
         self._attempt(super().flush)
 
     def _attempt(self, method: Callable[..., Any], *arguments: Any) -> Any:
-        if self._failed:  # it was told; Python flushes once more at its end
+        if self._failed:  # already reported; Python flushes once more at its end
             return None
         try:
             return method(*arguments)
@@ -125,7 +125,7 @@ class _Output(io.TextIOWrapper):
 
 
 class _ClosedStream(io.RawIOBase):
-    """The standard output of a process that was given none: as every program's, it refuses what is written."""
+    """Standard output of a process that was given none. It refuses all writes, like that of any program."""
 
     def writable(self) -> bool:
         """See `IOBase`."""
@@ -137,7 +137,7 @@ class _ClosedStream(io.RawIOBase):
 
 
 class _Messages(io.TextIOWrapper):
-    """Standard error. What cannot be written there changes nothing of a command."""
+    """Standard error. A failed write does not affect the command."""
 
     def write(self, text: str) -> int:
         """See `TextIOBase`."""
@@ -152,9 +152,9 @@ class _Messages(io.TextIOWrapper):
 
 
 def _fill_streams() -> None:
-    """Open /dev/null in the place of each standard stream that this process was not given.
+    """Open /dev/null in place of each standard stream that this process was not given.
 
-    Else the next file or bus that is opened would have its number, and messages of libraries would be written into that.
+    Otherwise the next opened file or bus would get its number, and messages of libraries would be written to that.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _LAST_STREAM:
         os.set_inheritable(descriptor, True)
@@ -162,9 +162,9 @@ def _fill_streams() -> None:
 
 
 def _guard_streams() -> None:
-    """Make `sys.stdout` and `sys.stderr` an `_Output` and `_Messages`, where they are those of the process, or are none.
+    """Replace `sys.stdout` and `sys.stderr` by an `_Output` and `_Messages`, if they are the process's own or missing.
 
-    A character that the terminal's encoding lacks is written out, as in a message.
+    A character that the terminal's encoding lacks is written as an escape sequence.
     """
     out, messages = sys.stdout, sys.stderr
     if out is None:
@@ -176,7 +176,7 @@ def _guard_streams() -> None:
 
 
 def _check_current_folder() -> None:
-    """Raise InputError where the current folder was removed: libraries ask for it while they are loaded."""
+    """Raise InputError where the current folder was removed: libraries request it while they are loaded."""
     try:
         os.getcwd()
     except OSError as error:
@@ -184,20 +184,20 @@ def _check_current_folder() -> None:
 
 
 class _EndRequestedError(KeyboardInterrupt):
-    """Ctrl-C, SIGTERM or SIGHUP has asked the command to end.
+    """Raised when Ctrl-C, SIGTERM or SIGHUP has requested the end of the command.
 
     It is a subclass, because Python kills itself by SIGINT at its end if a KeyboardInterrupt has left code that `exec` runs,
     even where it was caught. Dataclasses run such code.
     """
 
 
-_UsageError = cast("type[Exception]", typer.BadParameter.__base__)  # which typer does not export
+_UsageError = cast("type[Exception]", typer.BadParameter.__base__)  # not exported by typer
 
 
 class _OneSentence:
-    """Of a command of typer: wrong options and arguments raise an InputError of one sentence.
+    """Mix-in for a command of typer: wrong options and arguments raise an InputError of one sentence.
 
-    An empty word is refused, too: it is never a name, a file or a number.
+    An empty word is refused as well: it is never a name, a file or a number.
     """
 
     def make_context(self, info_name: str | None, args: list[str], *positional: Any, **extra: Any) -> Any:
@@ -208,7 +208,7 @@ class _OneSentence:
             return super().make_context(info_name, args, *positional, **extra)  # type: ignore[misc]
 
     def invoke(self, ctx: Any) -> Any:
-        """See typer: run this command, of a group also read the options of its sub-command."""
+        """See typer: run this command; for a group, also read the options of its sub-command."""
         with _usage_errors_as_sentences():
             return super().invoke(ctx)  # type: ignore[misc]
 
@@ -230,7 +230,7 @@ def _usage_errors_as_sentences() -> Iterator[None]:
 
 
 def _describe_usage_error(error: Any) -> str:
-    """Say in one sentence which option or argument is wrong, and its value where typer tells it."""
+    """Return one sentence that names the wrong option or argument, and its value where typer provides it."""
     what = " ".join(error.format_message().split()).rstrip(".?").replace(". Did you mean", "; did you mean")
     causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
     if causes:
@@ -240,7 +240,7 @@ def _describe_usage_error(error: Any) -> str:
 
 
 def _find_empty_word(words: Sequence[str]) -> str | None:
-    """Name the first option or word after the name of the command that is empty; None if none is."""
+    """Return the first empty option or word after the name of the command; None if there is none."""
     for before, word in pairwise(words):
         if not word.strip():
             return before if before.startswith("-") else f"a word after {before!r}"
@@ -250,7 +250,7 @@ def _find_empty_word(words: Sequence[str]) -> str | None:
 
 
 def make_application() -> typer.Typer:
-    """The command with the sub-commands of every installed part; one that cannot be used is left out, and told on stderr."""
+    """Return the command with the sub-commands of every installed part; unusable parts are left out and reported on stderr."""
     app = typer.Typer(
         cls=Commands,
         help="Hardware-in-the-loop bench for wet-clutch torque control over CAN.",
@@ -283,14 +283,14 @@ def make_application() -> typer.Typer:
 
 
 def _load_commands(point: EntryPoint, offered: dict[str, EntryPoint]) -> typer.Typer:
-    """The commands that an entry point registers; they are added to `offered`, by name. Raises InputError."""
+    """Return the commands that an entry point registers; add them to `offered`, by name. Raises InputError."""
     module, part = load_point(point, f"command {point.name}"), typer.Typer()
     if not callable(register := getattr(module, "register", None)):
         raise InputError(f"{_describe_place(point)} has no function register(app)")
     try:
         register(part)
         names = _list_names(part, comes_with_bench(point))
-    except (Exception, SystemExit) as error:  # a package of a user may raise anything
+    except (Exception, SystemExit) as error:  # a user's package may raise anything
         raise InputError(f"{_describe_place(point)} cannot be registered: {describe_error(error)}") from None
     for name in names:
         if name in offered:
@@ -303,8 +303,8 @@ def _load_commands(point: EntryPoint, offered: dict[str, EntryPoint]) -> typer.T
 
 
 def _list_names(part: typer.Typer, ours: bool) -> list[str]:
-    """Names of the commands of `part`; where they are not `ours`, typer makes them, to find what is wrong with them."""
-    if not ours:  # it would add a tenth of a second to every command
+    """Return the names of the commands of `part`; if they are not `ours`, let typer build them, to detect errors in them."""
+    if not ours:  # building ours would add a tenth of a second to every command
         return list(typer.main.get_group(part).commands)
     return [
         one.name or typer.main.get_command_name(cast("Any", one.callback).__name__) for one in part.registered_commands
@@ -362,14 +362,14 @@ def run_main(run: Callable[[], object]) -> None:
             try:
                 run()
             finally:
-                if sys.stdout:  # None where the process has been given none
+                if sys.stdout:  # None where the process was given none
                     sys.stdout.flush()
     except InputError as error:
-        if during_start:  # what compiles or loads may turn _EndRequestedError into what we take for a wrong input
+        if during_start:  # compiling or loading code may turn _EndRequestedError into an apparent input error
             _break_off()
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    except AttributeError as error:  # a rig of a user calls functions when it is played
+    except AttributeError as error:  # a user's rig calls functions when it is played
         if not (names := describe_moves(error)):
             raise
         print(f"error: {error}{names}", file=sys.stderr)
@@ -377,7 +377,7 @@ def run_main(run: Callable[[], object]) -> None:
     except InterruptionError as interruption:
         print(f"interrupted: {interruption}", file=sys.stderr)
         sys.exit(INTERRUPTED)
-    except BaseException:  # a compiler or a library may turn _EndRequestedError into another one
+    except BaseException:  # a compiler or a library may turn _EndRequestedError into another exception
         if not end_requested:
             raise
         _break_off()
@@ -389,11 +389,11 @@ def run_main(run: Callable[[], object]) -> None:
 
 
 def _break_off() -> NoReturn:
-    """End the process at once, after all `with` blocks: the interpreter cannot clean up what a library has half made."""
-    signal.signal(signal.SIGALRM, signal.SIG_IGN)  # the interruption has arrived
+    """End the process at once, after all `with` blocks: the interpreter cannot clean up an unfinished action of a library."""
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)  # the interruption has taken effect
     print(f"interrupted: nothing half-written is left, {describe_keeping()}", file=sys.stderr)
     discard_temporary()
     for stream in filter(None, (sys.stdout, sys.stderr)):
-        with contextlib.suppress(InputError, SystemExit):  # of a full disk: the interruption is what is told
+        with contextlib.suppress(InputError, SystemExit):  # of a full disk: the interruption is reported instead
             stream.flush()
     os._exit(INTERRUPTED)

@@ -48,9 +48,9 @@ def simulate(
 ) -> Trace:
     """Play a motion through a friction model.
 
-    `position` [m] (n,), its samples `dt` [s] apart, under the normal load `load` [N], one value or (n,); models without load
-    dependence ignore it. The contact begins at rest without force, or in `state` (m,), as an earlier trace left it.
+    `position` [m] (n,) has samples `dt` [s] apart; `load` [N] is the normal load, one value or (n,). Models without load
+    dependence ignore it. The contact begins at rest without force, or in `state` (m,), the final state of an earlier trace.
 
-    Returns `force` [N] (n,) and `state` (n, m) at every sample. Raises InputError.
+    Return `force` [N] (n,) and `state` (n, m) at every sample. Raises InputError.
     """
-    return model.trace(position, dt, load, state)  # type: ignore[arg-type]  # it checks what it is given
+    return model.trace(position, dt, load, state)  # type: ignore[arg-type]  # `trace` checks its arguments

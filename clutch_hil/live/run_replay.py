@@ -1,4 +1,4 @@
-"""Replay: shows one recorded run in the viewer, or two side by side, and converts run files to .rrd."""
+"""Replay: show one recorded run in the viewer, or two side by side, and convert run files to .rrd."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -36,7 +36,7 @@ _PREFIXES = ("/a", "/b")  # prefixes of two runs
 
 
 def load_batches(path: Path, stretch: Stretch = WHOLE) -> list[Batch]:
-    """Rows of a run file, or of a saved view (.rrd), node by node; of a run file, a part of them. Raises InputError."""
+    """Return the rows of a run file, or part of one, or of a saved view (.rrd), node by node. Raises InputError."""
     if path.suffix.lower() not in (*SUFFIXES, ".rrd"):
         raise InputError(
             f"run {path} has the suffix {path.suffix or '-'}; allowed are {join_names((*SUFFIXES, '.rrd'))}"
@@ -57,7 +57,7 @@ def load_batches(path: Path, stretch: Stretch = WHOLE) -> list[Batch]:
 
 
 def run_batches(run: Run) -> Iterator[Batch]:
-    """Rows of a run as a bench would have published them: those of the plant, then those of each controller."""
+    """Yield the rows of a run as a bench would have published them: those of the plant, then those of each controller."""
     rate = 1.0 / float(np.median(np.diff(run["time_s"])))
     described = run.describe_columns()
     by_node: dict[str, list[Column]] = {node: [] for node in ("plant", *CONTROLLERS)}
@@ -91,12 +91,12 @@ class ReplayResult:
 
     @property
     def verdict(self) -> str:
-        """The verdict line."""
+        """Return the verdict line."""
         return self.viewer or ("side by side" if len(self.read) > 1 else "all of it")
 
     @property
     def text(self) -> str:
-        """Files read and written, for people."""
+        """Return the files read and written, for people."""
         lines = [f"read:    {path}  ({rows} samples)" for path, rows in self.read.items()]
         if self.saved:
             lines.append(f"wrote:   {self.saved['path']}  ({self.saved['bytes'] / 1e6:.1f} MB)")
@@ -104,12 +104,12 @@ class ReplayResult:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The result for JSON."""
+        """Return the result for JSON."""
         return {"read": self.read, "saved": self.saved, "viewer_ended": self.viewer, "verdict": self.verdict}
 
 
 class Replay:
-    """One or two recorded runs on the rig's time, or the same part of each. Raises InputError when a file is wrong."""
+    """One or two recorded runs on the rig's time, or the same part of each. Raises InputError for an invalid file."""
 
     def __init__(self, paths: Sequence[Path], stretch: Stretch = WHOLE) -> None:
         if len(paths) > MOST_RUNS:
@@ -126,11 +126,11 @@ class Replay:
 
     @property
     def name(self) -> str:
-        """Name of the recording in the viewer."""
+        """Return the name of the recording in the viewer."""
         return " and ".join(self._names)
 
     def run(self, viewer: Viewer | None, save: Path | None, seconds: float | None, say: Say) -> ReplayResult:
-        """Save, then show until the window is closed, `seconds` are over or a signal comes. Raises InputError."""
+        """Save, then show until the window is closed, `seconds` have passed or a signal arrives. Raises InputError."""
         rows = {str(path): _count_rows(batches) for path, batches in self._runs.items()}
         result = ReplayResult(rows, saved=self.save(save) if save else None)
         if viewer:
@@ -167,7 +167,7 @@ class Replay:
 
 
 def _find_slip_reach(batches: Sequence[Batch]) -> float | None:
-    """Reach of the slip axis to both sides [rad/s]; None where the clutch slips in one direction only."""
+    """Return the reach of the slip axis to both sides [rad/s]; None where the clutch slips in one direction only."""
     lines = {line.column for line in SLIP.lines}
     return find_symmetric_reach(
         *(batch[c.name] for batch in batches for c in batch.columns if c.name in lines), np.empty(0)
@@ -175,7 +175,7 @@ def _find_slip_reach(batches: Sequence[Batch]) -> float | None:
 
 
 def _count_rows(batches: Sequence[Batch]) -> int:
-    """Number of rows of the node that has most."""
+    """Return the number of rows of the node with the most rows."""
     rows: Counter[str] = Counter()
     for batch in batches:
         rows[batch.node] += len(batch.rows)

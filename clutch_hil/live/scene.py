@@ -1,6 +1,6 @@
-"""Scene: the clutch as an animated drawing, cut in half: oil, piston, return spring, plates, shaft. Not to scale.
+"""Scene: the clutch as an animated section drawing: oil, piston, return spring, plates, shaft. Not to scale.
 
-The piston's stroke of a millimetre is enlarged, and the gaps between the plates close with it. The oil becomes brighter with
+The piston's stroke of one millimetre is enlarged, and the gaps between the plates close with it. The oil becomes brighter with
 pressure, the friction plates glow with torque, and the shaft turns with the encoder.
 """
 
@@ -28,9 +28,9 @@ EYE, TARGET = (5.5, -5.0, 2.1), (2.75, 0.0, -0.1)  # seen from the shaft's side,
 RATE = 25.0  # Hz: smooth for the eye
 _COLUMNS = ("truth_piston_position_m", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm")
 _ANGLES = ("shaft_angle_rad", "slip_angle_rad")  # of the shaft: with a fixed output, and against a turning output
-_PRESSURE, _TORQUE = 4.0, TORQUE_LIMIT / 1.5  # bar, Nm, at full colour: the reach of the curves' axes
+_PRESSURE, _TORQUE = 4.0, TORQUE_LIMIT / 1.5  # bar, Nm, at full colour: the range of the curves' axes
 
-# Drawing units along the axis; radii likewise.
+# Drawing units along the axis, and for radii
 _STROKE = 0.55  # drawn length of the piston's clearance
 _CHAMBER = 0.25  # length of the oil behind the piston at rest
 _PISTON = 0.35  # thickness
@@ -41,11 +41,11 @@ _BORE = 1.5  # radius of the cylinder
 _SCALE, _HEIGHTS = (
     0.65,
     (1.3, -1.4),
-)  # of two clutches: their size, and the heights of a and b, which fill the same view
+)  # for two clutches: their size, and the heights of a and b, which fill the same view
 
 
 class Scene:
-    """Logs the moving parts of a clutch, a or b, at RATE. Where there is a clutch b, both are smaller, a above b."""
+    """Log the moving parts of a clutch, a or b, at RATE. If there is a clutch b, both are smaller, a above b."""
 
     def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas, self._clutch, self._path = canvas, clutch, f"{PATH}/{clutch}"
@@ -56,7 +56,7 @@ class Scene:
     def open(self) -> None:
         """Log the shapes."""
         send = self._canvas.log_static
-        half = partial(revolve, begin=-pi / 2.0, end=pi / 2.0)  # behind the cut
+        half = partial(revolve, begin=-pi / 2.0, end=pi / 2.0)  # half behind the section plane
         housing, steel, dark = map(make_rgba, (palette.HOUSING, palette.STEEL, palette.DRUM))
         white = make_rgba(palette.PAPER)
         end = _STACK + _STROKE + (2 * _PLATES + 1) * _THICKNESS
@@ -102,9 +102,9 @@ class Scene:
         self._draw(position[known], pressure[known], torque[known], angle[known], times[rows[known]])
 
     def _place_both(self) -> None:
-        """Log the places and names of two clutches."""
+        """Log the positions and names of two clutches."""
         for clutch, height in zip(CLUTCHES, _HEIGHTS, strict=True):
-            middle = (1.0 - _SCALE) * TARGET[0]  # x, so that the middle stays where the eye looks
+            middle = (1.0 - _SCALE) * TARGET[0]  # x, so that the middle stays in the centre of the view
             place = rr.Transform3D(translation=[middle, 0.0, height], scale=_SCALE)
             name = rr.Points3D([[0.0, 0.0, _BORE + 0.4]], labels=[clutch], colors=[make_rgba(palette.TEXT)], radii=0.0)
             self._canvas.log_static(f"{PATH}/{clutch}", place)
@@ -121,13 +121,13 @@ class Scene:
         send(f"{self._path}/oil", times, [*rr.Transform3D.columns(scale=scale), *rr.Mesh3D.columns(albedo_factor=oil)])
         along = np.stack([stroke, zero, zero], axis=1)
         send(f"{self._path}/piston", times, rr.Transform3D.columns(translation=along))
-        head = _CHAMBER + _PISTON + stroke  # the spring stands between piston and wall
+        head = _CHAMBER + _PISTON + stroke  # the spring is between piston and wall
         spring = rr.Transform3D.columns(
             translation=np.stack([head, zero, zero], axis=1), scale=np.stack([1.8 - head, one, one], axis=1)
         )
         send(f"{self._path}/spring", times, spring)
 
-        # the remaining stroke is shared equally by all gaps
+        # all gaps share the remaining stroke equally
         count = 2 * _PLATES + 1
         gap = (_STROKE - np.minimum(stroke, _STROKE)) / (count + 1)
         number = np.arange(count)
@@ -144,13 +144,13 @@ class Scene:
 
 
 def _make_poses(shift: np.ndarray) -> rr.ComponentColumnList:
-    """Copies of one mesh; `shift`, shape (frames, copies, 3)."""
+    """Return copies of one mesh; `shift`, shape (frames, copies, 3)."""
     columns = rr.InstancePoses3D.columns(translations=shift.reshape(-1, 3))
     return columns.partition(np.full(shift.shape[0], shift.shape[1]))
 
 
 def _blend(low_colour: str, high_colour: str, part: np.ndarray) -> np.ndarray:
-    """Colours (n,), 0xRRGGBBAA, between two; part (n,): 0 is the low colour, 1 the high one."""
+    """Return colours (n,), 0xRRGGBBAA, between two; part (n,): 0 is the low colour, 1 the high one."""
     low, high = np.array(split_colour(low_colour)), np.array(split_colour(high_colour))
     mixed = (low + np.clip(part, 0.0, 1.0)[:, None] * (high - low)).astype(np.uint32)
     return (mixed[:, 0] << 24) | (mixed[:, 1] << 16) | (mixed[:, 2] << 8) | 0xFF

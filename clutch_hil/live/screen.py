@@ -1,4 +1,4 @@
-"""Screen: logs everything that is shown of one bench into a rerun recording."""
+"""Screen: log everything displayed of one bench to a rerun recording."""
 
 from typing import Protocol
 
@@ -27,21 +27,21 @@ TIMELINES = (TIME, RIG_TIME)
 
 
 class Part(Protocol):
-    """What is drawn of a clutch, from rows with the column names of a single clutch."""
+    """Interface of a part of the drawing of a clutch; its rows have the column names of a single clutch."""
 
     def open(self) -> None:
-        """Log what has no time."""
+        """Log everything that does not depend on time."""
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the rows of a batch at their times."""
 
 
 class Screen:
-    """Logs batches of a bench below `prefix` ("/a"), so that one recording can contain several runs. Raises InputError.
+    """Log batches of a bench below `prefix` ("/a"), so that one recording can contain several runs. Raises InputError.
 
-    timeline: with "time" rows are logged at UNIX time too, else only at the rig's time since the run's start ("rig_time").
-    light: only the most important plots, with all their rows; a browser without a graphics card takes some ten messages of
-    rerun a second, one for each entity.
+    timeline: with "time" rows are logged at UNIX time as well, otherwise only at the rig's time since the run's start
+    ("rig_time"). light: only the most important plots, with all their rows; a browser without a graphics card accepts some ten
+    messages of rerun per second, one for each entity.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Screen:
         self._canvas = Canvas(recording, prefix)
         self._light = light
         self._curves = make_curves()  # one pair for all clutches
-        self._parts = {CLUTCHES[0]: self._make_parts(CLUTCHES[0])}  # by clutch; those of b begin with its first rows
+        self._parts = {CLUTCHES[0]: self._make_parts(CLUTCHES[0])}  # by clutch; those of b start with its first rows
         self._places: dict[str, tuple[tuple[Column, ...], list[Place]]] = {}  # by node, as announced
         self._last: dict[str, tuple[float, Times]] = {}  # rate and times of the newest batch by node
         self._sessions: dict[str, int] = {}  # by node
@@ -61,7 +61,7 @@ class Screen:
         self._deadlines = Decimator(10.0)  # Hz: a straight line
 
     def open(self) -> None:
-        """Log what has no time: shapes, axes, names, colours. Once more after a reconnect."""
+        """Log everything that does not depend on time: shapes, axes, names, colours. Repeat it after a reconnect."""
         self._places.clear()
         for parts in self._parts.values():
             for part in parts:
@@ -71,7 +71,7 @@ class Screen:
         self._canvas.log_static(EVENTS, rr.TextLog.from_fields(color=palette.make_rgba(palette.TEXT)))
 
     def log(self, batch: Batch) -> None:
-        """Log the rows of a batch: every column once, and what is drawn from them."""
+        """Log the rows of a batch: every column once, and the drawings made from them."""
         if not len(batch.rows):
             return
         when = make_times(batch, self._live)
@@ -107,13 +107,13 @@ class Screen:
         self._note(Times(np.array([row]), np.array([rig]), unix), text)
 
     def _make_parts(self, clutch: str) -> tuple[Part, ...]:
-        """What is drawn of a clutch, a or b."""
+        """Return the drawn parts of a clutch, a or b."""
         canvas = self._canvas
         more = () if self._light else (TorqueError(canvas, clutch), Scene(canvas, clutch))
         return (States(canvas, clutch), Curves(canvas, self._curves, clutch), TorqueDemand(canvas, clutch), *more)
 
     def _announce(self, batch: Batch) -> list[Place]:
-        """Places of a batch's columns; log their names, units and colours if they are new."""
+        """Return the places of a batch's columns; log their names, units and colours if they are new."""
         known = self._places.get(batch.node)
         if known is not None and known[0] == batch.columns:
             return known[1]

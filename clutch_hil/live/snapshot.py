@@ -54,8 +54,8 @@ class NodeState:
     rate: float = float("nan")  # Hz, measured over the last 10 s
     period_us: float = float("nan")
     cycles: int = 0  # in the last 10 s
-    late: int = 0  # of them
-    lost: int = 0  # rows that never came, since the first that did
+    late: int = 0  # of these cycles
+    lost: int = 0  # rows that never arrived, since the first row
     wake: Percentiles = NO_TIMES
     work: Percentiles = NO_TIMES
 
@@ -65,9 +65,9 @@ class ClutchSnapshot:
     """A clutch and its controller at one instant.
 
     name: a or b; empty for a single clutch. controller: its node. phase, fault, state (open, sliding, sticking, locked): None
-    when they are not known, because the controller does not run. values, traces: by name of QUANTITIES; a trace has shape
-    (points,) and covers the last 10 s. A torque demand is a magnitude; in its trace it has the sign of the slip. last_fault:
-    the line of the last fault that came, with time, reason and values; fault_stands: it is not cleared.
+    when unknown, because the controller does not run. values, traces: by name of QUANTITIES; a trace has shape (points,) and
+    covers the last 10 s. A torque demand is a magnitude; in its trace it has the sign of the slip. last_fault: the line of the
+    newest fault, with time, reason and values; fault_stands: it is not cleared.
     """
 
     name: str
@@ -80,11 +80,11 @@ class ClutchSnapshot:
     last_fault: str | None = None
     fault_stands: bool = False
     waits_for_idle: bool = False
-    contested: bool = False  # one supervisor is followed, and another's claim is refused
+    contested: bool = False  # one supervisor is followed, and the claim of another is refused
 
     @property
     def notice(self) -> str:
-        """What a reader must know beside the state; else empty."""
+        """Return what a reader must know besides the state; empty if nothing."""
         if self.waits_for_idle:
             return WAITS_FOR_IDLE
         return CONTESTED_TEXT if self.contested else self.last_fault or ""
@@ -92,9 +92,9 @@ class ClutchSnapshot:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A bench at one instant: its nodes, its clutch or two, the last changes of parameters.
+    """A bench at one instant: its nodes, its clutch or two clutches, the last changes of parameters.
 
-    last_fault: the line of the last fault that came, of any clutch.
+    last_fault: the line of the newest fault of any clutch.
     """
 
     bench: str
@@ -110,11 +110,11 @@ class Snapshot:
 
     @property
     def standing_faults(self) -> list[str]:
-        """The lines of the faults that are not cleared, of any clutch."""
+        """Return the lines of the faults that are not cleared, of any clutch."""
         return [clutch.last_fault for clutch in self.clutches if clutch.fault_stands and clutch.last_fault]
 
     def list_troubles(self) -> list[str]:
-        """What needs attention, one phrase each."""
+        """Return what needs attention, one phrase each."""
         troubles = [
             f"the {name} is {state.state}" for name, state in self.nodes.items() if state.state in ("stalled", "gone")
         ]
@@ -134,7 +134,7 @@ class Snapshot:
 
 
 def make_document(snapshot: Snapshot) -> dict[str, Any]:
-    """A snapshot for JSON. State and values at the top are those of clutch a or of a single clutch; `clutches` has both."""
+    """Return a snapshot for JSON. Top-level state and values are those of clutch a or a single clutch; `clutches` has both."""
     nodes = {
         name: asdict(state) | {part: getattr(state, part)._asdict() for part in ("wake", "work")}
         for name, state in snapshot.nodes.items()

@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import rerun as rr
 
-_SECTORS = 48  # of a full turn: round enough at the size of a picture
+_SECTORS = 48  # per full turn: round enough at the size of a picture
 
 
 def revolve(
@@ -16,9 +16,9 @@ def revolve(
     begin: float = 0.0,
     end: float = 2 * pi,
 ) -> rr.Mesh3D:
-    """The solid that a closed convex `profile` of (x, radius) sweeps from angle `begin` to `end` [rad].
+    """Return the solid that a closed convex `profile` of (x, radius) sweeps from angle `begin` to `end` [rad].
 
-    stripe: colour of every other quarter of the turn, so that rotation is visible, at 25 Hz up to 39 rad/s; None for none.
+    stripe: colour of every other quarter turn, which makes rotation visible, at 25 Hz up to 39 rad/s; None for none.
     """
     corners = np.asarray(profile, dtype=float)
     angles = np.linspace(begin, end, _SECTORS + 1)
@@ -50,5 +50,5 @@ def revolve(
 
 
 def make_ring_profile(at: float, thickness: float, inner: float, outer: float) -> list[tuple[float, float]]:
-    """Profile of a ring that begins at x = `at`, as (x, radius) of its corners."""
+    """Return the profile of a ring that begins at x = `at`, as (x, radius) of its corners."""
     return [(at, inner), (at + thickness, inner), (at + thickness, outer), (at, outer)]

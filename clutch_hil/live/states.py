@@ -1,4 +1,4 @@
-"""States: phase, fault, clutch state and flags of the controller of a clutch, as lanes of text over time."""
+"""States: phase, fault, clutch state and flags of a clutch's controller, as lanes of text over time."""
 
 import numpy as np
 import rerun as rr
@@ -9,7 +9,7 @@ from clutch_hil.live.clutch_batches import make_path_suffix
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
 
-_REPEAT = 5_000_000_000  # ns after which a state is logged again: a viewer drops its oldest data
+_REPEAT = 5_000_000_000  # ns after which a state is logged again, because a viewer drops its oldest data
 _FLAGS = {
     "in_contact": "in contact",
     "adaptation_active": "learning",
@@ -19,7 +19,7 @@ _FLAGS = {
 
 
 def _list_lanes(clutch: str) -> dict[str, lanes.Lane]:
-    """The lanes of a clutch by entity path."""
+    """Return the lanes of a clutch by entity path."""
     flags = (lanes.Lane(flag, flag, {0: "no", 1: text}) for flag, text in _FLAGS.items())
     end = make_path_suffix(clutch)
     return {f"states/{lane.name}{end}": lane for lane in lanes.list_lanes()} | {
@@ -28,7 +28,7 @@ def _list_lanes(clutch: str) -> dict[str, lanes.Lane]:
 
 
 class States:
-    """Logs each change of the lanes' columns, of the controller of a clutch, a or b."""
+    """Log each change in the lanes' columns of the controller of a clutch, a or b."""
 
     def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas = canvas
@@ -46,7 +46,7 @@ class States:
             self._canvas.log_static(path, rr.StateConfiguration(values=words, colors=colours))
 
     def log(self, batch: Batch, times: Times) -> None:
-        """Log what changed in the rows."""
+        """Log the changes in these rows."""
         names = {column.name for column in batch.columns}
         for path, lane in self._lanes.items():
             column = f"controller_{lane.column}"

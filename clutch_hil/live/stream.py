@@ -1,7 +1,7 @@
-"""ViewerStream: sends rows to a viewer that may be slow, stopped, killed or restarted.
+"""ViewerStream: send rows to a viewer that may be slow, stopped, killed or restarted.
 
-Every call of rerun may block for ever while its viewer is stopped. So all of them run in a thread of their own, behind a queue
-of limited size that drops its oldest rows and counts them.
+Every call of rerun may block for ever while its viewer is stopped. So all calls run in a separate thread, behind a queue of
+limited size that drops its oldest rows and counts them.
 """
 
 import contextlib
@@ -21,14 +21,14 @@ from protocols.telemetry.batch import Batch
 
 APPLICATION = "clutch-hil"
 QUEUE_BYTES = 32_000_000  # of rows: a minute of both nodes at 1 kHz and 60 signals
-_FLUSH_TIMEOUT = 0.5  # s for the viewer to take rows, before the next check whether to end
+_FLUSH_TIMEOUT = 0.5  # s for the viewer to accept rows, before the next check whether to end
 _CHECK_PERIOD = 1.0  # s without rows after which the viewer is checked
 _RETRY_PERIOD = 1.0  # s between attempts to reconnect to a viewer
 _END_TIMEOUT = 2.0  # s for the last rows to reach the viewer
 
 
 def make_recording(name: str, recording_id: str | None = None) -> rr.RecordingStream:
-    """A recording of this application, without rerun's own timelines."""
+    """Return a recording of this application, without rerun's own timelines."""
     recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
@@ -36,10 +36,10 @@ def make_recording(name: str, recording_id: str | None = None) -> rr.RecordingSt
 
 
 class ViewerStream:
-    """Sends rows to the viewer at `url` [rerun+http://...]. Use as a context manager.
+    """Send rows to the viewer at `url` [rerun+http://...]. Use as a context manager.
 
-    limit: bytes of waiting rows. light: send only what a light screen shows. sent, dropped: rows by node; rows that a viewer
-    had not taken when it ended count as dropped.
+    limit: bytes of waiting rows. light: send only the data of a light screen. sent, dropped: rows by node; rows that a viewer
+    had not accepted when it ended count as dropped.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class ViewerStream:
     def _send(
         self, recording: rr.RecordingStream, screen: Screen, batches: list[Batch], events: list[dict[str, Any]]
     ) -> None:
-        """Send rows and wait until the viewer has taken them, so that others wait in this queue, where they are counted."""
+        """Send rows and wait until the viewer has accepted them, so that later rows wait and are counted in this queue."""
         rows: Counter[str] = Counter()
         for batch in batches:
             rows[batch.node] += len(batch.rows)
@@ -134,7 +134,7 @@ class ViewerStream:
             (self.sent if arrived else self.dropped).update(rows)
 
     def _wait_until_taken(self, recording: rr.RecordingStream) -> bool:
-        """Wait until the viewer has taken all rows; False when the end comes first. Raises RuntimeError when it has ended."""
+        """Wait until the viewer has accepted all rows; False if the end comes first. Raises RuntimeError when it has ended."""
         while True:
             try:
                 recording.flush(timeout_sec=_FLUSH_TIMEOUT)
@@ -148,7 +148,7 @@ class ViewerStream:
 
 
 def join_batches(batches: Sequence[Batch]) -> list[Batch]:
-    """Join consecutive batches of each node, in the order of their first ones: few large batches cost least."""
+    """Join consecutive batches of each node, in the order of their first batches: few large batches cost least."""
     runs: dict[str, list[list[Batch]]] = {}
     for batch in batches:
         own = runs.setdefault(batch.node, [])

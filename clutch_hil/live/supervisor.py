@@ -1,8 +1,8 @@
-"""Supervisor: demands torque, pressure or lock over the bus (TORQUE_SETPOINT), and reads the status of the services.
+"""Supervisor: demand torque, pressure or lock over the bus (TORQUE_SETPOINT), and read the status of the services.
 
-It claims the set-points (SUPERVISOR_CLAIM) from its first one until it ends, so that the controller follows no other.
-It uses the bus alone, without telemetry, so that it works with a real rig too. If it stops, dies or hangs, the controller
-notices after 0.1 s and releases the clutch.
+It claims the set-points (SUPERVISOR_CLAIM) from its first set-point until it ends, so that the controller follows no other
+supervisor. It uses only the bus, without telemetry, so that it also works with a real rig. If it stops, dies or hangs, the
+controller notices after 0.1 s and releases the clutch.
 """
 
 import contextlib
@@ -22,16 +22,16 @@ from protocols.can.request import Request
 from protocols.errors import InputError
 from protocols.realtime.clock import Clock
 
-RATE = 200  # Hz: twenty set-points within the 0.1 s after which the controller notices a missing supervisor
+RATE = 200  # Hz: twenty set-points within the 0.1 s after which the controller detects a missing supervisor
 _PRIORITY = 40  # SCHED_FIFO: above ordinary work, below the loops of the services at 80
-_FRAME_TIMEOUT = 0.5  # s: ten heartbeats or five status frames that did not come
+_FRAME_TIMEOUT = 0.5  # s: ten missing heartbeats or five missing status frames
 _STATUS_DELAY = 0.3  # s, three status frames: by then the status shows the effect of a demand
 _RELEASE_TIMEOUT = 2.0  # s for a clutch to be released; it takes 0.2 s
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Present state on the bus; None for values whose frame did not come within half a second.
+    """Present state on the bus; None for values without a frame in the last half second.
 
     controller, plant: lifecycle states, or `silent`. slip [rad/s]: measured between two calls.
     """
@@ -40,25 +40,25 @@ class Answer:
     plant: str
     phase: str | None = None
     fault: str | None = None
-    sticking: bool | None = None  # plates touch and stand
-    torque_estimate: float | None = None  # Nm, signed as the slip
+    sticking: bool | None = None  # plates in contact without slip
+    torque_estimate: float | None = None  # Nm, with the sign of the slip
     friction_level: float | None = None
     pressure: float | None = None  # bar, measured
     temperature: float | None = None  # degC, measured
     clutch_torque: float | None = None  # Nm, measured
     slip: float | None = None  # rad/s
-    supervisor: str | None = None  # unclaimed, claimed or contested: whether one has claimed the set-points
+    supervisor: str | None = None  # unclaimed, claimed or contested: whether a supervisor has claimed the set-points
 
     @property
     def clutch(self) -> str | None:
-        """State of the clutch: open, sliding, sticking or locked; None when it is not known."""
+        """Return the state of the clutch: open, sliding, sticking or locked; None when unknown."""
         if self.phase is None or self.sticking is None:
             return None
         return find_clutch_state(self.phase, self.sticking)
 
 
 class ReceivedFrames:
-    """The newest frame of each kind, with the time when it came."""
+    """The newest frame of each kind, with its arrival time."""
 
     def __init__(self) -> None:
         frames = load_frames()
@@ -66,7 +66,7 @@ class ReceivedFrames:
         self._encoder = encoder = frames["ENCODER"]
         self._turn = encoder.scale["shaft_angle"] * 2 ** encoder.bits["shaft_angle"]  # rad, at which the angle wraps
         self._newest: dict[str, tuple[float, Any]] = {}
-        self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the call before
+        self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the previous call
         self._slip: float | None = None
         self._phases = frames["CONTROLLER_STATUS"].list_choices("phase")
         self._faults = frames["CONTROLLER_STATUS"].list_choices("fault")
@@ -74,7 +74,7 @@ class ReceivedFrames:
         self._supervisions = frames["CONTROLLER_HEARTBEAT"].list_choices("supervisor")
 
     def take(self, frames: Sequence[Frame]) -> None:
-        """Keep the newest valid frame of each kind."""
+        """Store the newest valid frame of each kind."""
         now = time.monotonic()
         for can_id, data in dict(frames).items():
             codec = self._codecs.get(can_id)
@@ -82,12 +82,12 @@ class ReceivedFrames:
                 self._newest[codec.name] = now, codec.unpack(data)
 
     def find_values(self, name: str) -> Any | None:
-        """Values of the newest frame of that name; None when it is older than half a second."""
+        """Return the values of the newest frame of that name; None when it is older than half a second."""
         came, values = self._newest.get(name, (0.0, None))
         return values if time.monotonic() - came <= _FRAME_TIMEOUT else None
 
     def answer(self) -> Answer:
-        """The present state of the bus."""
+        """Return the present state of the bus."""
         status, analog = self.find_values("CONTROLLER_STATUS"), self.find_values("ANALOG_SENSORS")
         answer: dict[str, Any] = {"slip": self._measure_slip()}
         if heartbeat := self.find_values("CONTROLLER_HEARTBEAT"):
@@ -113,7 +113,7 @@ class ReceivedFrames:
         return self._lifecycles.get(heartbeat.lifecycle, "unknown") if heartbeat else "silent"
 
     def _measure_slip(self) -> float | None:
-        """Slip [rad/s] from the angle since the call before, 20 ms ago or more, as the encoder has a finite resolution."""
+        """Return the slip [rad/s] from the angle since the previous call, 20 ms ago or more for the encoder's resolution."""
         encoder, heartbeat = self.find_values("ENCODER"), self.find_values("PLANT_HEARTBEAT")
         if encoder is None or heartbeat is None:
             self._angle = self._slip = None
@@ -146,7 +146,7 @@ class Supervisor:
         self._sent = 0
 
     def __enter__(self) -> "Supervisor":
-        """Listen before sending. Raises InputError for another supervisor, no controller, or one of a bench of another size."""
+        """Listen before sending. Raises InputError for another supervisor, no controller, or another number of clutches."""
         heard = listen(self._port, LISTEN_SECONDS)
         SizeWatch(load_frames().values(), f"on {self._port.name}").hear(heard)
         self._take(heard)
@@ -156,7 +156,7 @@ class Supervisor:
                 f" clutch-hil controller --bus {self._port.name}"
             )
         self._policy = os.sched_getscheduler(0), os.sched_getparam(0)
-        with contextlib.suppress(PermissionError):  # then a busy machine may delay set-points by more than 0.1 s
+        with contextlib.suppress(PermissionError):  # without it, a busy machine may delay set-points by more than 0.1 s
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
         self._clock.start(time.monotonic_ns())
         return self
@@ -165,13 +165,13 @@ class Supervisor:
         with contextlib.suppress(PermissionError):
             os.sched_setscheduler(0, *self._policy)
         if self._sent:
-            with contextlib.suppress(OSError):  # the bus is gone: the controller notices the silence
+            with contextlib.suppress(OSError):  # the bus no longer exists: the controller notices the silence
                 self._send_claim(claimed=False)
 
     def ask(self, request: Request, torque: float = 0.0, speed: float = 0.0, pressure: float = 0.0) -> None:
         """Wait for the next slot of the clock, receive frames, and send one set-point.
 
-        torque [Nm], motor speed [rad/s], pressure [bar]. Raises InputError when another supervisor begins to send.
+        torque [Nm], motor speed [rad/s], pressure [bar]. Raises InputError when another supervisor starts to send.
         """
         self._clock.wait()
         self._take(self._port.receive())
@@ -188,7 +188,7 @@ class Supervisor:
         self._sent += 1
 
     def explain_objection(self) -> str | None:
-        """Why the controller does not follow the demand; None while it does."""
+        """Return why the controller does not follow the demand; None while it does."""
         answer = self.received.answer()
         if answer.controller in ("silent", "finalized"):
             return f"the controller has gone ({answer.controller})"
@@ -215,7 +215,7 @@ class Supervisor:
         raise InputError(f"the controller on {self._port.name} does not become idle: {self._explain_refusal()}")
 
     def release(self, speed: float) -> bool:
-        """Demand release until the clutch is released, for 2 s at most, then idle; return whether it is released.
+        """Demand release until the clutch is released, for at most 2 s, then idle; return whether it is released.
 
         A fault closes the valve as well. It is not acknowledged here, so that people see it.
         """
@@ -230,7 +230,7 @@ class Supervisor:
         return phase in ("idle", "fault")
 
     def _send_claim(self, claimed: bool) -> None:
-        counter = -(-self._sent // self._claim_every)  # of those sent before
+        counter = -(-self._sent // self._claim_every)  # claims sent before
         self._port.send(Frame(self._claim.can_id, self._claim.pack(counter, claim=claimed, session=self._session)))
 
     def _explain_refusal(self) -> str:

@@ -1,4 +1,4 @@
-"""Tape: one run file of a recording, without a gap. Rows of plant and controllers are joined as `clutch-hil up` does."""
+"""Tape: one run file of a recording, without a gap. Rows of plant and controllers are joined as in `clutch-hil up`."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -12,16 +12,16 @@ from protocols.can.frames import load_frames
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 
-_TIE_POINTS = 400  # ends of batches: the history of 30 s comes in 30 batches, later ones at 50 a second
+_TIE_POINTS = 400  # ends of batches: the history of 30 s arrives in 30 batches, later ones at 50 per second
 # A controller knows the lowest bits of the plant's tick and counts on from its first sample
 _TICK_WRAP = 1 << load_frames()["ENCODER"].bits["sample_tick"]
 
 
 class Tape:
-    """Writes a run file: plant rows without a gap from batch `first` on, and the controllers' rows of that time.
+    """Write a run file: plant rows without a gap from batch `first` on, and the controllers' rows of that time.
 
-    `plant` are the plant's columns, `controllers` those of each controller by its name, clutch a's first where there are two.
-    `recording` says how it is written.
+    `plant` has the plant's columns, `controllers` those of each controller by its name, clutch a's first where there are two.
+    `recording` determines how the file is written.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Tape:
         self._recording.keep_journal(metadata)
 
     def follows(self, batch: Batch) -> bool:
-        """Return whether a batch of the plant continues where the last one ended."""
+        """Return whether a batch of the plant continues where the last batch ended."""
         return (batch.session, batch.first_row) == (self._session, self._end)
 
     def add_plant(self, batch: Batch) -> None:
@@ -61,7 +61,7 @@ class Tape:
         self.rows += len(batch.rows)
 
     def add_controller(self, batch: Batch) -> None:
-        """Add rows of a controller. Their ticks are converted to the plant's, and do not decrease after a restart."""
+        """Add rows of a controller. Their ticks are converted to the plant's ticks, and do not decrease after a restart."""
         node, rows = batch.node, batch.rows.copy()
         ticks = rows[:, [column.name for column in batch.columns].index(f"{node}_sample_tick")]  # a view
         clock = batch[f"{node}_clock_s"]
@@ -79,5 +79,5 @@ class Tape:
         self.abandon()
 
     def abandon(self, error: BaseException | None = None) -> None:
-        """Finish a file that is not complete, with the reason; one with a single row is removed."""
+        """Finish an incomplete file, with the reason; a file with a single row is removed."""
         self._recording.__exit__(type(error) if error else None, error, None)

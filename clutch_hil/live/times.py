@@ -25,17 +25,17 @@ class Times:
         return len(self.row)
 
     def __getitem__(self, rows: Any) -> "Times":
-        """Times of some of the rows, by slice or index array."""
+        """Return the times of some of the rows, by slice or index array."""
         return Times(self.row[rows], self.rig[rows], None if self.unix is None else self.unix[rows])
 
     @property
     def monotonic(self) -> np.ndarray:
-        """Time [ns] (n,) that increases even without samples: UNIX time, in a replay the rig's time."""
+        """Return time [ns] (n,) that increases even without samples: UNIX time, in a replay the rig's time."""
         return self.rig if self.unix is None else self.unix
 
     @cached_property
     def indexes(self) -> list[rr.TimeColumn]:
-        """Time columns for rerun; made once for all that is logged at these times."""
+        """Return time columns for rerun, made once for all data logged at these times."""
         indexes = [
             rr.TimeColumn(ROW, sequence=self.row),
             rr.TimeColumn(RIG_TIME, duration=self.rig.astype("timedelta64[ns]")),
@@ -46,7 +46,7 @@ class Times:
 
 
 def make_times(batch: Batch, live: bool) -> Times:
-    """Times of a batch's rows; live: with UNIX time. A row whose clock is unknown gets the epoch plus its rig time."""
+    """Return the times of a batch's rows. live: with UNIX time. A row with unknown clock gets the epoch plus its rig time."""
     row = np.arange(batch.first_row, batch.end)
     names = {column.name for column in batch.columns}
     if "time_s" in names:

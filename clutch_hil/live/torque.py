@@ -1,8 +1,8 @@
 """Torque: its demand with the sign of the slip, and the errors of true and estimated torque for the same sample.
 
-A demand is a magnitude, and a torque has the sign of the slip. The error is the torque in the direction of the slip less the
-demand: positive is too much in both directions. It is shown only where a torque is followed, that is demanded while the plates
-slide. A short time after touch and after a reversal is left out, so that its peaks do not determine the scale of the axis.
+A demand is a magnitude, and a torque has the sign of the slip. The error is the torque in the direction of the slip minus the
+demand: positive means too much torque in both directions. It is shown only where a torque is demanded while the plates slide.
+A short time after contact and after a reversal is left out, so that its peaks do not determine the scale of the axis.
 """
 
 from collections import deque
@@ -25,7 +25,7 @@ _COLUMNS = tuple(
     f"controller_{name}" for name in ("torque_demand_nm", "torque_estimate_nm", "slip_rad_s", "request", "clutch_state")
 )
 _SLIDING = STATES.index("sliding")
-# ns left out after touch and reversal: plates touch 40 ms after the pressure reaches that of contact, friction lags 20 ms
+# ns left out after contact and reversal: plates touch 40 ms after the pressure reaches contact pressure, friction lags 20 ms
 _SETTLING = 60_000_000
 _MOST_WAITING = 3000  # batches that wait for the other node: a minute at 20 ms each, more than the history of 30 s
 
@@ -39,19 +39,19 @@ class _DemandRows(NamedTuple):
     followed: np.ndarray
 
     def compute_error(self, torque: np.ndarray) -> np.ndarray:
-        """Error [Nm] (n, 1) of a torque [Nm] (n,) of the same samples; not-a-number where no demand is followed."""
+        """Return the error [Nm] (n, 1) of a torque [Nm] (n,) of the same samples; not-a-number where no demand is followed."""
         return np.where(self.followed, self.way * torque - self.demand, np.nan)[:, None]
 
 
 class _DemandTracker:
-    """Extracts the demand from the controller's batches, in their order."""
+    """Extract the demand from the controller's batches, in their order."""
 
     def __init__(self) -> None:
         self._last: _DemandRows | None = None
         self._unsettled = -_SETTLING  # ns, rig time of the last sample in which no torque was followed
 
     def take(self, batch: Batch, times: Times) -> _DemandRows | None:
-        """Demand of a batch; None when the batch lacks a column."""
+        """Return the demand of a batch; None when the batch lacks a column."""
         if not set(_COLUMNS) <= {column.name for column in batch.columns}:
             return None
         demand, estimate, slip, request, state = (batch[name] for name in _COLUMNS)
@@ -68,7 +68,7 @@ class _DemandTracker:
 
 
 class TorqueDemand:
-    """Draws the demand of a clutch, a or b, over its torque."""
+    """Draw the demand of a clutch, a or b, over its torque."""
 
     def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas, self._tracker = canvas, _DemandTracker()
@@ -85,7 +85,7 @@ class TorqueDemand:
 
 
 class TorqueError:
-    """Joins plant rows with the demand that the controller had for them, as the rows of both nodes come separately.
+    """Join plant rows with the demand that the controller had for them, because the rows of both nodes arrive separately.
 
     `clutch` is a or b.
     """
@@ -108,7 +108,7 @@ class TorqueError:
             _log_label(self._canvas, path, label, palette.choose_clutch_colour(colour, clutch), width)
 
     def log(self, batch: Batch, times: Times) -> None:
-        """Log the errors that the rows complete."""
+        """Log the errors that these rows complete."""
         if demand_rows := self._tracker.take(batch, times):
             if self._demands and demand_rows.rig[0] < self._demands[-1].rig[-1]:
                 self._demands.clear()  # the controller was restarted
@@ -125,7 +125,7 @@ class TorqueError:
         self._log_complete()
 
     def _log_complete(self) -> None:
-        """Log every waiting batch of the plant for whose samples the controller's rows have come."""
+        """Log every waiting batch of the plant for whose samples the controller's rows have arrived."""
         while self._true and self._demands and self._true[0][0].rig[-1] <= self._demands[-1].rig[-1]:
             times, true = self._true.popleft()
             while len(self._demands) > 1 and self._demands[1].rig[0] <= times.rig[0]:
@@ -140,7 +140,7 @@ class TorqueError:
 
 
 def _make_suffix(clutch: str) -> str:
-    """End of a line's name: the clutch where it is b; a may be a single clutch."""
+    """Return the suffix of a line's name: the clutch if it is b; empty for a, which may be a single clutch."""
     return make_path_suffix(clutch).replace("_", " ")
 
 

@@ -1,4 +1,4 @@
-"""`clutch-hil tune`: lists, shows and sets the parameters of running services over zenoh."""
+"""`clutch-hil tune`: list, show and set the parameters of running services over zenoh."""
 
 import json
 import shutil
@@ -29,19 +29,19 @@ from protocols.telemetry.message import check_parameters, parse_message
 from protocols.telemetry.session import open_consumer_session
 
 _LIST_TIMEOUT = 2.0  # s for a list of parameters: it needs no loop, and a stopped process counts as gone after 2 s
-_ATTEMPTS = 3  # at a list: a service that waits longer for a busy CPU loses its link, and gets it back 0.5 s later
+_ATTEMPTS = 3  # to get a list: a service that waits longer for a busy CPU loses its link, and gets it back 0.5 s later
 _RETRY_PERIOD = 0.5  # s between attempts
-_CHANGE_TIMEOUT = 5.0  # s for a change: it takes a loop one cycle, and its publisher gives up after 2 s
-_MOST_REASON = 1000  # characters of a refusal that are told
-_TIMEOUT_REPLY = "Timeout"  # zenoh's own reply when none came in time
+_CHANGE_TIMEOUT = 5.0  # s for a change: a loop needs one cycle for it, and its publisher gives up after 2 s
+_MOST_REASON = 1000  # characters of a refusal that are shown
+_TIMEOUT_REPLY = "Timeout"  # zenoh's own reply when no reply arrived in time
 
 
 class SilentError(InputError):
-    """A node does not answer."""
+    """Raised when a node does not answer."""
 
 
 def request_parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, Any]]:
-    """Parameters of a node: name, value, unit, bounds, default, source, uncertainty, and why it is fixed or None.
+    """Return the parameters of a node: name, value, unit, bounds, default, source, uncertainty, and why it is fixed or None.
 
     Raises SilentError when the node does not answer.
     """
@@ -62,10 +62,10 @@ def request_parameters(session: zenoh.Session, bench: str, node: str) -> list[di
 def set_parameters(
     session: zenoh.Session, bench: str, node: str, values: Mapping[str, float], by: str | None = None
 ) -> dict[str, Any]:
-    """Set parameters between two cycles of a node, all or none; return `row`, the first with them, and `changed`.
+    """Set parameters between two cycles of a node, all or none; return `row`, the first row with them, and `changed`.
 
-    by: name of who asks; of this process's user if None. Raises InputError with the node's reason when it refuses, or when it
-    does not answer.
+    by: name of the requester; the user of this process if None. Raises InputError with the node's reason when it refuses, or
+    when it does not answer.
     """
     key = Keys(bench, node).change_by(by or find_asker_name(None))
     replies = session.get(key, payload=json.dumps(values), timeout=_CHANGE_TIMEOUT)
@@ -75,7 +75,7 @@ def set_parameters(
 def read_reply(
     bench: str, node: str, replies: Iterable[zenoh.Reply], check: Callable[[Any], Any] = lambda answer: answer
 ) -> Any:
-    """The JSON in the reply of a node that passes `check`; what another program answers does not.
+    """Return the JSON in the reply of a node that passes `check`; replies of other programs do not pass.
 
     Raises InputError with the reason of the node when it refuses, SilentError when there is no reply.
     """
@@ -96,7 +96,7 @@ def _read_reason(error: zenoh.ReplyError) -> str:
 
 
 def list_parameters(session: zenoh.Session, bench: str) -> Catalogue:
-    """The parameters of every node that answers. Raises InputError when none does."""
+    """Return the parameters of every node that answers. Raises InputError when none does."""
     entries: dict[str, dict[str, Any]] = {}
     reasons = []
     for node in sorted({*NODES, *list_live_nodes(session, bench)}):
@@ -110,7 +110,7 @@ def list_parameters(session: zenoh.Session, bench: str) -> Catalogue:
 
 
 def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str, bool]:
-    """List all parameters, show those named, or set those with a value; return document, text, verdict and True.
+    """List all parameters, show the named ones, or set those with a value; return document, text, verdict and True.
 
     If one name or value is wrong, nothing is set. Raises InputError when there is no bench, a name is unknown, a node does not
     answer, or a service refuses.
@@ -130,9 +130,9 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
 def change_parameters(
     session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]], by: str | None = None
 ) -> list[dict[str, Any]]:
-    """Set parameters by node and name; return the changes: node, name, `old`, `new`, unit and `row`, the first with them.
+    """Set parameters by node and name; return the changes: node, name, `old`, `new`, unit and `row`, the first row with them.
 
-    by: see `set_parameters`. Raises InputError with the reason of the node that refuses, and what was changed before.
+    by: see `set_parameters`. Raises InputError with the reason of the node that refuses, and the changes made before.
     """
     changed: list[dict[str, Any]] = []
     for node, wanted in values.items():
@@ -190,7 +190,7 @@ def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[s
 
 
 def _describe_off_effects(names: Sequence[str], width: int) -> str:
-    """A paragraph about effects that are off, to follow the tables; nothing when there are none."""
+    """Return a paragraph about effects that are off, to follow the tables; empty when there are none."""
     if not names:
         return ""
     line = (

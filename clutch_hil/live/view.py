@@ -1,4 +1,4 @@
-"""Live view: sends rows of a running bench to a viewer, to an .rrd file, or to both, each with a feed of its own."""
+"""Live view: send rows of a running bench to a viewer, to an .rrd file, or to both, each with a separate feed."""
 
 import threading
 import time
@@ -22,11 +22,11 @@ from protocols.telemetry.keys import NODES
 from protocols.telemetry.session import open_consumer_session
 
 _POLL_PERIOD = 0.1  # s between checks of the viewer and of signals
-_REMINDER_PERIOD = 5.0  # s between two lines that say that no bench has come
-_CONNECT_TIME = 2.0  # s for a session to find the publishers of this machine, before the first such line
+_REMINDER_PERIOD = 5.0  # s between two lines that report that no bench has been detected
+_CONNECT_TIME = 2.0  # s for a session to detect the publishers of this machine, before the first such line
 _READ_TIMEOUT = 0.05  # s to wait for rows before the next check whether to end
 _SAVE_PERIOD = (
-    2.0  # s of rows in one piece of a file, which a power cut loses; smaller pieces make it larger and slower
+    2.0  # s of rows in one piece of a file, which a power failure loses; smaller pieces make it larger and slower
 )
 
 
@@ -34,14 +34,14 @@ class Sink(Protocol):
     """Receiver of rows."""
 
     def put(self, batches: Iterable[Batch], events: Iterable[dict[str, Any]] = ()) -> None:
-        """Take rows and changes of parameters."""
+        """Accept rows and changes of parameters."""
         ...
 
 
 class FeedThread(threading.Thread):
-    """Moves the rows of a bench from a feed of its own to a sink, once in `period` [s]. Use as a context manager.
+    """Move the rows of a bench from a separate feed to a sink, once per `period` [s]. Use as a context manager.
 
-    rows, lost: rows by node that came, and that never came; rejections: see `Feed`. error: what ended the thread, or None.
+    rows, lost: numbers of arrived and missing rows by node; rejections: see `Feed`. error: what ended the thread, or None.
     """
 
     def __init__(self, bench: str, router: str | None, sink: Sink, live: bool, period: float) -> None:
@@ -64,11 +64,11 @@ class FeedThread(threading.Thread):
 
     @property
     def starts(self) -> int:
-        """How often the bench was started while the thread ran."""
+        """Return how often the bench was started while the thread ran."""
         return max(map(len, self._sessions.values()), default=1)
 
     def run(self) -> None:
-        """Read until the end, the last rows included."""
+        """Read until the end, including the last rows."""
         try:
             with (
                 open_consumer_session(self._router) as session,
@@ -80,7 +80,7 @@ class FeedThread(threading.Thread):
             self.error = error
 
     def _move(self, feed: Feed, until: float) -> None:
-        """Read until a time of CLOCK_MONOTONIC [s], then give the rows to the sink."""
+        """Read until a time of CLOCK_MONOTONIC [s], then pass the rows to the sink."""
         batches: list[Batch] = []
         while time.monotonic() < until and not self._end.is_set():
             batches += feed.read(min(_READ_TIMEOUT, max(0.0, until - time.monotonic())))
@@ -95,7 +95,7 @@ class FeedThread(threading.Thread):
 
 @dataclass
 class ViewResult:
-    """Result of a live view: rows by node that were read, never came, or were dropped because the viewer was slow."""
+    """Result of a live view: rows by node that were read, missing, or dropped because the viewer was slow."""
 
     bench: str
     rows: dict[str, int] = field(default_factory=dict)
@@ -104,22 +104,22 @@ class ViewResult:
     saved: dict[str, Any] | None = None  # of the file: path, rows, lost, bytes
     starts: int = 1  # of the bench during the view
     viewer: str | None = None  # why the viewer failed; None when it did not
-    rejections: str = ""  # what came from others under the keys of the bench
+    rejections: str = ""  # data from other senders under the keys of the bench
 
     @property
     def lost_rows(self) -> int:
-        """Rows missing on the screen, plus those missing in the file."""
+        """Return the number of rows missing on the screen, plus those missing in the file."""
         saved = self.saved["lost"] if self.saved else {}
         return sum(sum(count.values()) for count in (self.lost, self.dropped, saved))
 
     @property
     def good(self) -> bool:
-        """Return whether rows came, none was lost, and the viewer did not fail."""
+        """Return whether rows arrived, none was lost, and the viewer did not fail."""
         return any(self.rows.values()) and not (self.lost_rows or self.viewer)
 
     @property
     def verdict(self) -> str:
-        """The verdict line."""
+        """Return the verdict line."""
         silent = [node for node in NODES if not self.rows.get(node)]
         if len(silent) == len(NODES):
             loss = "no rows came"
@@ -130,7 +130,7 @@ class ViewResult:
 
     @property
     def text(self) -> str:
-        """Rows read, written and lost, for people."""
+        """Return the rows read, written and lost, for people."""
         again = f", started {self.starts} times" if self.starts > 1 else ""
         lines = [f"read:    bench {self.bench}{again}: {_format_counts(self.rows) or 'no rows'}"]
         if self.saved:
@@ -148,7 +148,7 @@ class ViewResult:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The result for JSON."""
+        """Return the result for JSON."""
         return {
             "bench": self.bench,
             "rows": self.rows,
@@ -174,7 +174,7 @@ class LiveView:
     seconds: float | None
 
     def run(self, viewer: Viewer | None, save: Path | None, say: Say) -> ViewResult:
-        """Show and save until the time is over, the window is closed or a signal comes. Raises InputError."""
+        """Show and save until the time is over, the window is closed or a signal arrives. Raises InputError."""
         notifier = open_notifier()
         with Stop() as stop, ExitStack() as stack:
             if viewer:
@@ -209,7 +209,7 @@ class LiveView:
         return result
 
     def _wait_for_bench(self, stop: Stop, viewer: Viewer | None, say: Say, notifier: Notifier) -> str:
-        """Wait for a bench, and return its name. Raises InputError when a signal comes before, or there are several."""
+        """Wait for a bench, and return its name. Raises InputError when a signal arrives first, or for several benches."""
         began = time.monotonic()
         following = began + _CONNECT_TIME
         with open_consumer_session(self.router) as session:
@@ -249,7 +249,7 @@ class LiveView:
 
 
 class Watch:
-    """End of a view: by a signal, or after `seconds` (None: never)."""
+    """End of a view: by a signal, or after `seconds` (None: unlimited)."""
 
     def __init__(self, stop: Stop, seconds: float | None, notifier: Notifier) -> None:
         self._stop, self._notifier = stop, notifier
@@ -261,7 +261,7 @@ class Watch:
         return self._stop.asked or (self._end is not None and time.monotonic() >= self._end)
 
     def wait(self, *threads: FeedThread) -> None:
-        """Wait a moment, and tell that the view lives. Raises the error of a thread that has failed."""
+        """Wait a moment, and report that the view is alive. Raises the error of a thread that has failed."""
         self._notifier.ping()
         time.sleep(_POLL_PERIOD)
         for thread in threads:

@@ -2,7 +2,7 @@
 
 Beyond loopback only the page of a server can be reached, with a token (viewer_page.py).
 
-It gets a home folder of its own, so that it uses no layout of an earlier version and sends no usage statistics.
+The viewer has a separate home folder, so that it uses no layout of an earlier version and sends no usage statistics.
 """
 
 import contextlib
@@ -33,12 +33,12 @@ PAGE_PORT = 9090  # rerun's default, for a browser
 _START_TIMEOUT = 30.0  # s for the process to listen, after a cold start from disk
 _POLL_PERIOD = 0.05  # s between checks
 _WINDOW_MEMORY = "1GB"  # of rows in the window's process: half an hour at 1 kHz and 60 signals; it needs 300 MB more
-_PAGE_MEMORY = "256MB"  # of rows for browsers that join late: some minutes, and as much to load first
-_SERVER_MEMORY = "64MiB"  # of rows that wait for the window's process, which keeps them itself
+_PAGE_MEMORY = "256MB"  # of rows for browsers that join late: some minutes, which also have to be loaded first
+_SERVER_MEMORY = "64MiB"  # of rows that wait for the window's process, which stores them itself
 _WINDOW_SIZE = "1600x900"  # points
-_TOKEN_BYTES = 32  # random bytes: nobody guesses 256 bits
+_TOKEN_BYTES = 32  # random bytes: 256 bits cannot be guessed
 _PAGE_PERIOD = 0.1  # s between two sends to a browser with a graphics card
-_SLOW_PAGE_PERIOD = 2.0  # s; one without draws once a second
+_SLOW_PAGE_PERIOD = 2.0  # s; a browser without one draws once a second
 
 Say = Callable[[str], None]
 
@@ -72,12 +72,12 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Address for a stream."""
+        """Return the address for a stream."""
         return f"rerun+http://127.0.0.1:{self._port}/proxy"
 
     @property
     def pid(self) -> int:
-        """Process number."""
+        """Return the process number."""
         return self._process.pid
 
     def __enter__(self) -> "Viewer":
@@ -95,10 +95,10 @@ class Viewer:
         self._stack.close()
 
     def announce(self, say: Say) -> None:
-        """Say the address of the viewer by `say`, where a person must open it."""
+        """Print the address of the viewer by `say`, where a person must open it."""
 
     def find_exit_reason(self) -> str | None:
-        """Why the process has ended; None while it runs; empty when a person closed its window."""
+        """Return why the process has ended; None while it runs; empty when a person closed its window."""
         code = self._process.poll()
         if code is None or code == 0:
             return None if code is None else ""
@@ -128,7 +128,7 @@ class Viewer:
 
     @property
     def _ports(self) -> tuple[int, ...]:
-        """Ports that the process listens on."""
+        """Return the ports that the process listens on."""
         return (self._port,)
 
     def _spawn(self) -> "subprocess.Popen[bytes]":
@@ -148,19 +148,19 @@ class Viewer:
         environment |= {"RUST_LOG": "warn", "NO_COLOR": "1"}
         command = [str(files("rerun_cli") / "rerun"), "--bind", "127.0.0.1", *self._arguments]
         with (self._home / "log").open("w") as log:
-            # not ended by Ctrl-C: rows that are on their way still arrive
+            # not ended by Ctrl-C: rows on their way still arrive
             return spawn(command, log, os.environ | environment, signal.SIGKILL)
 
 
 class WebViewer(Viewer):
-    """A server that keeps the newest rows for browsers, and the page that shows them; both work without a network."""
+    """A server that stores the newest rows for browsers, and the page that shows them; both work without a network."""
 
     def __init__(
         self, port: int | None, page_port: int | None, memory: str | None, browser: bool, address: str = LOOPBACK
     ) -> None:
-        """Ports None take the default or a free one; `memory` is rerun's notation; `browser`: open one. Raises InputError.
+        """Start the server. Ports None take the default or a free one; `memory` is rerun's notation. Raises InputError.
 
-        address: of this machine, where the page is served; other than 127.0.0.1 with a new token.
+        browser: open one. address: of this machine, where the page is served; other than 127.0.0.1 with a new token.
         """
         self._browser = browser
         self._address = _check_address(address)
@@ -175,8 +175,8 @@ class WebViewer(Viewer):
 
     @property
     def page(self) -> str:
-        """Address for a browser."""
-        # `persist`: not the layout that the browser has stored; `theme`: that of the pictures
+        """Return the address for a browser."""
+        # `persist`: ignore the layout that the browser has stored; `theme`: that of the pictures
         query = {"url": self.url, "persist": "false", "theme": "dark", "hide_welcome_screen": ""}
         place = f"{self._address}:{self._page_port}"
         if self._token:
@@ -194,7 +194,7 @@ class WebViewer(Viewer):
         )
 
     def announce(self, say: Say) -> None:
-        """Say the address of the page, and open it where there is a display."""
+        """Print the address of the page, and open it where there is a display."""
         say(f"open {self.page}")
         if self._token:
             say("whoever has this address can watch; it is not encrypted: beyond a trusted network use ssh -L")
@@ -209,14 +209,14 @@ def _has_display() -> bool:
 
 
 def _check_memory(memory: str) -> str:
-    """`memory`, if it has rerun's notation. Raises InputError."""
+    """Return `memory` if it has rerun's notation. Raises InputError."""
     if not re.fullmatch(r"[1-9]\d*(MB|GB|MiB|GiB|%)", memory):
         raise InputError(f"memory {memory!r} is not possible; allowed are for example 500MB, 2GB and 25%")
     return memory
 
 
 def _check_address(address: str) -> str:
-    """`address`, if it is one of IPv4 that this machine has, and that a browser can be given. Raises InputError."""
+    """Return `address` if it is an IPv4 address of this machine that a browser can use. Raises InputError."""
     try:
         if IPv4Address(address).is_unspecified:
             raise ValueError
@@ -230,7 +230,7 @@ def _check_address(address: str) -> str:
 
 
 def _free_port(wanted: int | None, default: int, but: Sequence[int] = (), address: str = LOOPBACK) -> int:
-    """The port `wanted`; for None the `default`, or any free one when that is in use; none of `but`. Raises InputError."""
+    """Return the port `wanted`; for None the `default`, or a free one if that is in use; none of `but`. Raises InputError."""
     for port in [wanted] if wanted is not None else [default, 0]:
         with socket.socket() as probe, contextlib.suppress(OSError, OverflowError):
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

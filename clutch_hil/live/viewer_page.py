@@ -1,11 +1,11 @@
-"""Viewer page: serves rerun's web viewer, without requests to the internet; on loopback, or for others with a token.
+"""Viewer page: serve rerun's web viewer without requests to the internet; on loopback, or for other machines with a token.
 
 The original page requests fonts, news and usage statistics from the internet; it works without them. Its links are removed, and
-further requests of its program are refused by a content security policy.
+a content security policy refuses further requests of its program.
 
-On loopback the page connects to rerun's data itself. Beyond it, everything goes through this server, which serves nothing to a
-browser that does not know the token: the address of the page has it, and a cookie from then on. It is not encrypted: who reads
-the network reads the token.
+On loopback the page connects to rerun's data itself. Beyond loopback everything goes through this server, which serves nothing
+to a browser without the token: it is in the address of the page, and in a cookie from then on. The connection is not
+encrypted: anyone who reads the network traffic can read the token.
 """
 
 import hmac
@@ -23,24 +23,24 @@ from urllib.parse import parse_qs
 from protocols.errors import InputError
 
 LOOPBACK = "127.0.0.1"
-_TIMEOUT = 30.0  # s for the 40 MB of the viewer's program to be transferred
-_PIECE = 65_536  # bytes of data that are passed on at once
-_MOST_QUESTION = 1 << 20  # bytes of a question to rerun's data, which is some hundred
-MOST_CONNECTIONS = 64  # each has a thread; a browser opens six and one for its stream. More are closed at once
+_TIMEOUT = 30.0  # s for the transfer of the 40 MB of the viewer's program
+_PIECE = 65_536  # bytes of data passed on at once
+_MOST_QUESTION = 1 << 20  # bytes of a request to rerun's data; usual requests have some hundred
+MOST_CONNECTIONS = 64  # each has a thread; a browser opens six and one for its stream. Further ones are closed at once
 _COOKIE = "clutch_hil_token"
 _FORWARDED_HEADERS = (
     "Content-Type",
     "Content-Encoding",
     "Content-Length",
     "rerun-final-length",
-)  # headers of an answer
+)  # headers of a response
 _ASKED_HEADERS = (
     "Content-Type",
     "Accept",
     "X-Grpc-Web",
     "X-User-Agent",
     "Grpc-Timeout",
-)  # of a question to rerun's data
+)  # of a request to rerun's data
 _REMOTE_LINKS = re.compile(rb'<link[^>]*"https://[^>]*>|<script[^>]*"https://[^>]*></script>')
 # A software renderer blocks the browser's only thread for a second in each frame; a pause [ms] lets it receive messages.
 _PAUSE_SCRIPT = (
@@ -51,30 +51,30 @@ _POLICY = "default-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; co
 
 
 class _Server(ThreadingHTTPServer):
-    """A thread for each of at most `MOST_CONNECTIONS`. A peer that leaves, or asks nonsense, is no news for the terminal."""
+    """A thread for each of at most `MOST_CONNECTIONS`. A peer that leaves or sends nonsense is not reported."""
 
     daemon_threads = True
 
     def __init__(self, place: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
-        self.streams: dict[socket.socket, socket.socket] = {}  # from rerun's data, by the browser's connection
+        self.streams: dict[socket.socket, socket.socket] = {}  # streams of rerun's data, by the browser's connection
         super().__init__(place, handler)
 
     def service_actions(self) -> None:
-        """End the streams of browsers that have left: where no more rows come, nothing is written that would fail."""
+        """End the streams of browsers that have left: without new rows, no write would fail and show it."""
         for browser, stream in list(self.streams.items()):
             if _has_left(browser):
                 with suppress(OSError):  # it ends by itself
                     stream.shutdown(socket.SHUT_RDWR)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Begin a thread for a connection, or close it where there are too many. See `ThreadingMixIn`."""
+        """Start a thread for a connection, or close it if there are too many. See `ThreadingMixIn`."""
         if not self._free.acquire(blocking=False):
             self.shutdown_request(request)
             return
         try:
             super().process_request(request, client_address)
-        except BaseException:  # no thread can be made
+        except BaseException:  # no thread can be started
             self._free.release()
             raise
 
@@ -86,23 +86,23 @@ class _Server(ThreadingHTTPServer):
             self._free.release()
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Tell nothing; the connection is closed."""
+        """Report nothing; the connection is closed."""
 
 
 def _has_left(peer: socket.socket) -> bool:
     """Return whether a peer has closed its connection."""
     try:
-        (waits := select.poll()).register(peer, select.POLLIN)  # to receive would wait: the connection has a timeout
+        (waits := select.poll()).register(peer, select.POLLIN)  # receiving would block: the connection has a timeout
         return bool(waits.poll(0)) and peer.recv(1, socket.MSG_PEEK) == b""
     except (OSError, ValueError):
         return True
 
 
 class ViewerPage:
-    """Serves the page of the viewer's server at port `inner` on `address` and `port`; its data are at port `data` of loopback.
+    """Serve the page of the viewer's server at port `inner` on `address` and `port`; its data are at port `data` of loopback.
 
-    pauses: wait between two frames. token: what a browser must know; None on loopback alone, where the page connects to `data`.
-    Use as a context manager. Raises InputError where another program has taken `port`.
+    pauses: wait between two frames. token: required from a browser; None on loopback only, where the page connects to `data`.
+    Use as a context manager. Raises InputError where another program uses `port`.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class ViewerPage:
         policy = _POLICY if token else f"{_POLICY} http://{LOOPBACK}:{data}"
 
         class Handler(BaseHTTPRequestHandler):
-            timeout = _TIMEOUT  # s; of http.server: a peer that sends nothing must not hold a thread for ever
+            timeout = _TIMEOUT  # s; of http.server: a silent peer must not hold a thread for ever
 
             def do_GET(self) -> None:
                 if not self._check_token():
@@ -135,7 +135,7 @@ class ViewerPage:
                     upstream.close()
 
             def do_POST(self) -> None:
-                """Pass a question on to rerun's data, and the answer back while it comes."""
+                """Pass a request on to rerun's data, and return the response as it arrives."""
                 if not self._check_token():
                     return
                 length = self.headers.get("Content-Length", "")
@@ -159,7 +159,7 @@ class ViewerPage:
                     upstream.close()
 
             def _send_head(self, answer: HTTPResponse, length: int | None) -> None:
-                """Send status and headers of an answer, whose body has `length` bytes, or ends with the connection."""
+                """Send status and headers of a response, whose body has `length` bytes, or ends with the connection."""
                 self.send_response(answer.status)
                 for name in _FORWARDED_HEADERS:
                     own = None if length is None else str(length)
@@ -172,7 +172,7 @@ class ViewerPage:
                 self.end_headers()
 
             def _check_token(self) -> bool:
-                """Return whether the browser knows the token, by the address or by the cookie; refuse it where it does not."""
+                """Return whether the browser has the token, in the address or in the cookie; refuse it otherwise."""
                 if token is None:
                     return True
                 known = parse_qs(self.path.partition("?")[2]).get("token", [])
@@ -195,7 +195,7 @@ class ViewerPage:
 
         try:
             self._server = _Server((address, port), Handler)
-        except OSError as error:  # it was free when it was chosen
+        except OSError as error:  # the port was free when it was chosen
             raise InputError(
                 f"the page cannot be served on port {port} of {address}: {error.strerror}; start it again, or give --web-port"
             ) from None

@@ -1,1 +1,1 @@
-"""Page: what every HTML report shares: elements, style, figures, wording of numbers."""
+"""Page: common parts of all HTML reports: elements, style, figures, wording of numbers."""

@@ -9,7 +9,7 @@ _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"  # cont
 
 
 def compose_document(title: str, header: Html, sections: Sequence[tuple[str, Sequence[Html]]]) -> str:
-    """The HTML text of a page; sections: heading and contents of each, which are numbered."""
+    """Return the HTML text of a page. sections: heading and contents of each; they are numbered."""
     body = [header]
     for count, (heading, content) in enumerate(sections, 1):
         body.append(make_element("section", join([make_element("h2", f"{count}. {heading}"), *content])))

@@ -14,8 +14,8 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 
 _DPI = 130  # 1235 pixels at the page's width
 _WIDTH = 9.5  # inch, of the page
-_POINTS = 900  # of a line's envelope: about one for each pixel of an axis
-_TICKS = 6  # intervals of an axis, at most: ticks take most of the time of drawing
+_POINTS = 900  # of a line's envelope: about one per pixel of an axis
+_TICKS = 6  # largest number of intervals of an axis: ticks take most of the drawing time
 _STYLE: Any = {
     "text.parse_math": False,  # a name may have a $
     "font.size": 9.0,
@@ -35,14 +35,14 @@ _STYLE: Any = {
 
 
 def name_file(path: str, letters: int = 80) -> str:
-    """The name of a file for a title: without folder, and of a longer name its end."""
+    """Return the name of a file for a title: without folder; of a longer name only its end."""
     name = Path(path).name
     return name if len(name) <= letters else f"…{name[1 - letters :]}"
 
 
 @contextmanager
 def page_figure(height: float) -> Iterator[Figure]:
-    """A figure of the width of a page and a `height` [inch]."""
+    """Yield a figure with the width of a page and a `height` [inch]."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(_WIDTH, height), dpi=_DPI, layout="constrained")
         FigureCanvasAgg(figure)
@@ -50,18 +50,18 @@ def page_figure(height: float) -> Iterator[Figure]:
 
 
 def render_png(figure: Figure) -> bytes:
-    """The figure as a PNG."""
+    """Return the figure as a PNG."""
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             if isinstance(axis.get_major_locator(), AutoLocator):
-                axis.set_major_locator(MaxNLocator(_TICKS, steps=[1, 2, 2.5, 5, 10]))  # ticks are what takes long
+                axis.set_major_locator(MaxNLocator(_TICKS, steps=[1, 2, 2.5, 5, 10]))  # ticks take most of the time
     target = BytesIO()
     figure.canvas.print_png(target, pil_kwargs={"compress_level": 4})  # type: ignore[attr-defined]  # `savefig` draws twice
     return target.getvalue()
 
 
 def compute_envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Time and values (k,) of the envelope of a line (n,), about two for each pixel; a short line as it is."""
+    """Return time and values (k,) of the envelope of a line (n,), about two per pixel; a short line is returned unchanged."""
     step = len(values) // _POINTS
     if step < 4:
         return time, values

@@ -7,41 +7,41 @@ from typing import Any, TypeGuard
 
 from clutch_hil.page.wording import NO_NUMBER, format_interval, format_number, trim_zeros
 
-_MOST_NUMBERS = 8  # that are listed one by one
-_PNG_SIZE = slice(16, 24)  # of a PNG: width and height, four bytes each
+_MOST_NUMBERS = 8  # longest list of numbers that is printed in full
+_PNG_SIZE = slice(16, 24)  # position in a PNG of width and height, four bytes each
 
 
 class Html(str):
-    """Text that is HTML already, and is not escaped again."""
+    """Text that is already HTML, and is not escaped again."""
 
     __slots__ = ()
 
 
 def make_html(content: object) -> str:
-    """`content` escaped, unless it is `Html`."""
+    """Return `content` escaped, unless it is `Html`."""
     return content if isinstance(content, Html) else escape(str(content))
 
 
 def make_element(name: str, content: object, **attributes: str) -> Html:
-    """An element; `class_` stands for the attribute class."""
+    """Return an element; `class_` stands for the attribute class."""
     own = "".join(f' {key.rstrip("_")}="{escape(value)}"' for key, value in attributes.items() if value)
     return Html(f"<{name}{own}>{make_html(content)}</{name}>")
 
 
 def join(parts: Sequence[object], between: str = "\n") -> Html:
-    """Parts one after the other; empty ones are left out."""
+    """Join the parts that are not empty."""
     return Html(between.join(make_html(part) for part in parts if part != ""))
 
 
 def make_value(exact: float, text: str) -> Html:
-    """A number as text, with its exact value as in report.json in the attribute `value`."""
+    """Return a number as text, with its exact value as in report.json in the attribute `value`."""
     return Html(f'<data value="{float(exact)!r}">{escape(text)}</data>')
 
 
 def make_table(
     header: Sequence[str], rows: Sequence[Sequence[object]], numeric: str = "", marks: Sequence[str] = ()
 ) -> Html:
-    """A table; `numeric` has an "n" for each column that is aligned right, `marks` a class for each row."""
+    """Return a table; `numeric` has an "n" for each right-aligned column, `marks` a class for each row."""
     if not rows:
         return Html("")
     kinds = numeric.ljust(len(header))
@@ -59,7 +59,7 @@ def make_table(
 
 
 def make_figure(png: bytes | None, alternative: str, caption: object) -> Html:
-    """A PNG inside the page, with a caption; nothing for None."""
+    """Return a PNG inside the page, with a caption; nothing for None."""
     if png is None:
         return Html("")
     width, height = (int.from_bytes(png[_PNG_SIZE][k : k + 4], "big") for k in (0, 4))
@@ -69,19 +69,19 @@ def make_figure(png: bytes | None, alternative: str, caption: object) -> Html:
 
 
 def fold(summary: str, content: Html) -> Html:
-    """Content that a reader may unfold; on paper it is always open. Nothing where there is no content."""
+    """Return content that a reader can unfold; on paper it is always open. Nothing where there is no content."""
     return make_element("details", join([make_element("summary", summary), content])) if content else Html("")
 
 
 def make_interval_cells(exact: float, ci95: tuple[float, float]) -> tuple[Html, Html]:
-    """A value and its 95 % interval."""
+    """Return a value and its 95 % interval."""
     fitted, low, high = format_interval(exact, ci95)
     ends = join([make_value(ci95[0], low), make_value(ci95[1], high)], " … ")
     return make_value(exact, fitted), ends
 
 
 def describe(thing: Any) -> Html:
-    """Any value of a JSON document as HTML; of a long list of numbers only count and range."""
+    """Return any value of a JSON document as HTML; only count and range of a long list of numbers."""
     if hasattr(thing, "tolist"):  # of numpy
         return describe(thing.tolist())
     if isinstance(thing, Mapping):
@@ -103,7 +103,7 @@ def describe(thing: Any) -> Html:
 
 
 def is_numbers(thing: Any) -> TypeGuard[list[float]]:
-    """Whether `thing` is a list of numbers that is not empty."""
+    """Return whether `thing` is a non-empty list of numbers."""
     return isinstance(thing, list | tuple) and bool(thing) and all(type(v) in (int, float) for v in thing)
 
 

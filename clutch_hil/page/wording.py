@@ -12,7 +12,7 @@ _UNITS = {
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """`value` with `digits` significant digits."""
+    """Return `value` with `digits` significant digits."""
     if not math.isfinite(value):
         return NO_NUMBER if math.isnan(value) else ("∞" if value > 0.0 else "−∞")
     if value == 0.0:
@@ -22,13 +22,13 @@ def format_number(value: float, digits: int = 3) -> str:
 
 
 def trim_zeros(value: float, digits: int = 3) -> str:
-    """`value` with at most `digits` significant digits, without zeros at the end: for settings, not for measurements."""
+    """Return `value` with at most `digits` significant digits, without trailing zeros: for settings, not for measurements."""
     text, times, power = format_number(value, digits).partition(" · ")
     return (text.rstrip("0").rstrip(".") if "." in text else text) + times + power
 
 
 def format_fixed(value: float, decimals: int, power: int | None = None) -> str:
-    """`value` rounded to `decimals` places, which may be negative; very large or small values with a power of ten.
+    """Return `value` rounded to `decimals` places, which may be negative; very large or small values with a power of ten.
 
     power: exponent of the leading digit, computed where it is not given.
     """
@@ -40,7 +40,7 @@ def format_fixed(value: float, decimals: int, power: int | None = None) -> str:
 
 
 def format_interval(value: float, ci95: tuple[float, float]) -> tuple[str, str, str]:
-    """A value and the ends of its 95 % interval, rounded to two digits of the interval's half-width."""
+    """Return a value and the ends of its 95 % interval, rounded to two digits of the interval's half-width."""
     low, high = ci95
     half = 0.5 * (high - low)
     if not (math.isfinite(half) and half > 0.0):
@@ -53,36 +53,36 @@ def format_interval(value: float, ci95: tuple[float, float]) -> tuple[str, str, 
 
 
 def format_percent(share: float, decimals: int = 0) -> str:
-    """`share` of 1 in percent."""
+    """Return `share` of 1 in percent."""
     return f"{100.0 * share:.{decimals}f} %".replace("-", "−") if math.isfinite(share) else NO_NUMBER
 
 
 def format_unit(unit: str) -> str:
-    """A unit as people write it; nothing for a pure number."""
+    """Return a unit as people write it; empty for a pure number."""
     return {"1": "", "degC": "°C"}.get(unit, unit).replace("^2", "²").replace("^3", "³")
 
 
 def format_with_unit(value: float, unit: str, digits: int = 3) -> str:
-    """A number and its unit."""
+    """Return a number and its unit."""
     return f"{format_number(value, digits)} {format_unit(unit)}".rstrip()
 
 
 def format_column(column: str, unit: str | None = None) -> str:
-    """Name of a column without its unit, for people."""
+    """Return the name of a column without its unit, for people."""
     endings = [f"_{unit.lower().replace('/', '_').replace('^', '')}"] if unit else []
     ending = next((e for e in (*endings, *_UNITS) if column.endswith(e) and len(e) < len(column)), "")
     return column.removesuffix(ending).replace("_", " ")
 
 
 def format_axis_label(column: str, unit: str | None = None) -> str:
-    """Name of a column with its unit; the unit is read from the name where it is not given."""
+    """Return the name of a column with its unit; the unit is read from the name where it is not given."""
     known = unit or next((u for e, u in _UNITS.items() if column.endswith(e) and len(e) < len(column)), "1")
     shown = format_unit(known)
     return f"{format_column(column, unit)} [{shown}]" if shown else format_column(column, unit)
 
 
 def list_words(names: Sequence[str], last: str = "and") -> str:
-    """Names as text: 'a, b and c'."""
+    """Return names as text: 'a, b and c'."""
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
