@@ -1,4 +1,4 @@
-"""Bench fault: what happens to the processes, the computer or the network of a bench during a run, from one time to another."""
+"""Bench fault: a fault of the processes, the computer or the network of a bench, from one time of a run to another."""
 
 import heapq
 import itertools
@@ -14,15 +14,15 @@ from typing import Any, ClassVar, Protocol
 from protocols.errors import InputError
 from protocols.files.disk import Disk
 
-MOST_FAULTS = 64  # planned or begun in a run: chosen, a program that plans in a loop ends there
+MOST_FAULTS = 64  # planned or begun in a run: chosen, to stop a program that plans faults in a loop
 
 
 class Signalled(Protocol):
-    """Services that take signals, by their `names`."""
+    """Services that accept signals, by their `names`."""
 
     @property
     def names(self) -> Sequence[str]:
-        """Names of the services."""
+        """Return the names of the services."""
 
     def send_signal(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a service, whose end is then no error."""
@@ -32,7 +32,7 @@ class Signalled(Protocol):
 class Surroundings:
     """What a bench fault may act on: services, the disk of the recording, and the network of the bench on `bus`.
 
-    telemetry: whether it publishes. router: of its consumers, as of `clutch-hil view`.
+    telemetry: whether the bench publishes. router: of its consumers, as in `clutch-hil view`.
     """
 
     services: Signalled
@@ -59,29 +59,29 @@ class BenchFault(ABC):
     @property
     @abstractmethod
     def what(self) -> str:
-        """What happens, in a few words."""
+        """Return the fault in a few words."""
 
     def check(self, bus: str, telemetry: bool) -> None:  # noqa: B027 - most can be played everywhere
-        """Raise InputError where this computer, or a bench on `bus` with or without `telemetry`, cannot play it."""
+        """Raise InputError where this computer, or a bench on `bus` with or without `telemetry`, cannot play the fault."""
 
     @abstractmethod
     def begin(self, around: Surroundings) -> Callable[[], None]:
-        """Begin it; return what ends it. Raises InputError where that is not possible."""
+        """Begin the fault; return a function that ends it. Raises InputError where that is not possible."""
 
 
 class BenchFaults:
-    """The faults of a run, each begun and ended when it is due. Leaving it ends those that are on.
+    """The faults of a run; each begins and ends at its time. Leaving the context ends active faults.
 
-    log: what was done: `kind`; `fault`, as text; `does`, which is began or ended; `time_s` of the run, by the newest sample.
+    log: `kind`; `fault`, as text; `does`: began or ended; `time_s` of the run, by the newest sample.
     """
 
     def __init__(self, faults: Sequence[BenchFault], around: Surroundings) -> None:
         self.around = around
         self._due: list[
             tuple[float, int, BenchFault | None]
-        ] = []  # a heap: begin the fault, or, if None, end that number
+        ] = []  # a heap: begin the fault, or, if None, end the fault of that number
         self._numbers = itertools.count()
-        self._on: dict[int, tuple[BenchFault, Callable[[], None]]] = {}  # with what ends it
+        self._on: dict[int, tuple[BenchFault, Callable[[], None]]] = {}  # with the function that ends it
         self._start: float | None = None  # s of time.monotonic at which the run began
         self.log: list[dict[str, Any]] = []
         for fault in faults:
@@ -95,11 +95,11 @@ class BenchFaults:
 
     @property
     def now(self) -> float | None:
-        """Time of the run [s]; None before the first sample."""
+        """Return the time of the run [s]; None before the first sample."""
         return None if self._start is None else time.monotonic() - self._start
 
     def plan(self, fault: BenchFault) -> None:
-        """Plan a fault. Raises InputError for one too many, or where this computer cannot play it."""
+        """Plan a fault. Raises InputError for too many faults, or where this computer cannot play the fault."""
         number = next(self._numbers)
         if number >= MOST_FAULTS:
             raise InputError(f"the run has {number} faults of the bench already; allowed are {MOST_FAULTS}")
@@ -107,9 +107,9 @@ class BenchFaults:
         heapq.heappush(self._due, (fault.at, number, fault))
 
     def play(self, newest: float | None) -> None:
-        """Begin and end what is due; `newest` is the time [s of the run] of the newest sample, None if none came since.
+        """Begin and end faults that are due. newest: time [s of the run] of the newest sample, None if no new sample arrived.
 
-        A stopped plant makes no samples: the clock of this computer goes on from the last one. Raises InputError.
+        A stopped plant makes no samples: time then continues by this computer's clock. Raises InputError.
         """
         if newest is not None:
             self._start = time.monotonic() - newest
@@ -124,24 +124,24 @@ class BenchFaults:
                 heapq.heappush(self._due, (fault.until, number, None))
 
     def end(self, names: Sequence[str]) -> list[str]:
-        """End the faults of these `names` that are on, now; return what they were."""
+        """End the active faults of these `names` now; return their descriptions."""
         ended = [(number, fault) for number, (fault, _) in self._on.items() if fault.what.split()[0] in names]
         for number, _ in ended:
             self._end(number)
         return [fault.what for _, fault in ended]
 
     def end_all(self) -> None:
-        """End all that are on, now; one that cannot be ended keeps no other on. Raises InputError for it."""
+        """End all active faults now; an error in one does not keep others active. Raises InputError for it."""
         with ExitStack() as stack:
             for number in reversed(self._on):
                 stack.callback(self._end, number)
 
     def list_on(self) -> list[str]:
-        """What is on."""
+        """Return the descriptions of the active faults."""
         return [fault.what for fault, _ in self._on.values()]
 
     def _end(self, number: int) -> None:
-        if number in self._on:  # else it was ended before its time
+        if number in self._on:  # otherwise it was ended before its time
             fault, end = self._on.pop(number)
             end()
             self._note(fault, "ended")

@@ -1,4 +1,4 @@
-"""Catalogue: every host fault there is, its parameters, and one that is planned."""
+"""Catalogue: all host faults, their parameters, and a planned host fault."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -7,18 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 HUGE = (b"\xff" * 8, b"\xff\xff\xff\x7f\0\0\0\0", b"\0" * 8, b"\0\0\0\0\1\0\0\0", b"\xff\xff\xff\xff\xff\xff\xff\x7f")
-_SOUND_SHARE = 0.1  # of messages that are not damaged
+_SOUND_SHARE = 0.1  # share of undamaged messages
 
 
 class Sound(NamedTuple):
-    """Sound payloads by which a bench can be asked, or which a node publishes: `payload`, as text where it is `text`."""
+    """A valid payload of a request to a bench, or published by a node: `payload`, as text if `text`."""
 
     payload: bytes
     text: bool
 
 
 def mutate(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
-    """`count` damaged copies: cut, bytes changed, numbers made huge or zero, a part taken out or written twice."""
+    """Yield `count` damaged copies: cut, bytes changed, numbers made huge or zero, a part removed or duplicated."""
     random = np.random.default_rng(seed)
     for _ in range(count):
         content = bytearray(good)
@@ -37,7 +37,7 @@ def mutate(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
         elif kind == 4:
             place, source = random.integers(len(content), size=2)
             content[place:place] = content[source : source + int(random.integers(1, 200))]
-        else:  # bytes that the file has elsewhere: digits for digits in a text, so that it is still one
+        else:  # bytes from elsewhere in the file: digits for digits in a text, so that it stays a text
             for place, source in random.integers(len(content), size=(random.integers(1, 9), 2)):
                 content[place] = content[source]
         yield bytes(content)
@@ -52,7 +52,7 @@ _ODD = (
 
 
 def mutate_text(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
-    """`count` damaged copies of a text, most of which can be parsed: a word or number is another, a line is twice or gone."""
+    """Yield `count` damaged copies of a text, most of them parsable: a word or number changed, a line doubled or removed."""
     random = np.random.default_rng(seed)
     for _ in range(count):
         content = good
@@ -74,7 +74,7 @@ def mutate_text(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
 
 
 def damage(sound: Sound, random: np.random.Generator, seed: int) -> bytes:
-    """A damaged copy, or now and then a sound one."""
+    """Return a damaged copy, or occasionally a sound one."""
     if random.random() < _SOUND_SHARE:
         return sound.payload
     damage = mutate_text if sound.text and random.random() < 0.8 else mutate

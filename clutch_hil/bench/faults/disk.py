@@ -35,7 +35,7 @@ class DiskSlow(HostFault):
 
 
 def _put(disk: Disk, fault: Callable[[], None]) -> Callable[[], None]:
-    """Put a fault into a disk; return what takes it out, where it is still in."""
+    """Apply a fault to a disk; return a function that removes it if it is still active."""
     disk.before_write = fault
 
     def take_out() -> None:

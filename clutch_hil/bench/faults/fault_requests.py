@@ -1,4 +1,4 @@
-"""Fault requests: faults of the bench that are asked for while it runs, by the same user on the same computer.
+"""Fault requests: faults of the bench requested while it runs, by the same user on the same computer.
 
 A bench listens on a Unix socket that is named by its bus and user. The name is in no folder, so a killed bench leaves nothing.
 """
@@ -22,8 +22,8 @@ from protocols.telemetry.keys import make_bench_name
 from protocols.telemetry.message import parse_message
 
 _MOST_BYTES = 1 << 16  # of a request, and of an answer, which may list 64 faults
-_PATIENCE = 0.2  # s that a bench waits for what somebody who has connected says
-_TIMEOUT = 5.0  # s for an answer: a bench looks every 50 ms, and one whose disk is slow takes longer
+_PATIENCE = 0.2  # s that a bench waits for the data of a connected process
+_TIMEOUT = 5.0  # s for an answer: a bench checks every 50 ms, and a bench with a slow disk takes longer
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of linux/socket.h: process, user, group
 _WAITING = 8  # requests that may wait
 
@@ -39,7 +39,7 @@ class FaultRequests:
         try:
             self._socket.bind(_make_address(bus))
             self._socket.listen(_WAITING)
-        except OSError:  # another bench of the user is on this bus; faults of the scenario are left
+        except OSError:  # another bench of the user is on this bus; faults of the scenario still work
             self._socket.close()
 
     def __enter__(self) -> "FaultRequests":
@@ -49,7 +49,7 @@ class FaultRequests:
         self._socket.close()
 
     def answer(self, answer: Answer) -> None:
-        """Answer the request that waits, if there is one. `answer` returns a document, or raises InputError."""
+        """Answer a waiting request, if there is one. `answer` returns a document, or raises InputError."""
         if self._socket.fileno() < 0:
             return
         try:
@@ -60,12 +60,12 @@ class FaultRequests:
             connection.settimeout(_PATIENCE)
             try:
                 connection.send(json.dumps(_find_answer(connection, answer)).encode())
-            except OSError:  # who asked has gone, or says nothing
+            except OSError:  # the requester has gone, or sends nothing
                 return
 
 
 def request_fault(bus: str | None, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Ask the bench of this user on `bus`, or the only one there is; return its answer. Raises InputError where it refuses."""
+    """Send a request to the bench of this user on `bus`, or the only bench; return its answer. Raises InputError on refusal."""
     address = find_address(bus)
     with closing(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)) as connection:
         connection.settimeout(_TIMEOUT)
@@ -89,10 +89,10 @@ def request_fault(bus: str | None, request: Mapping[str, Any]) -> dict[str, Any]
 
 
 def answer_request(faults: BenchFaults, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Plan, end or list faults of a running bench, as a `request` asks; return what was done. Raises InputError.
+    """Plan, end or list faults of a running bench as requested; return what was done. Raises InputError.
 
     request: {"process": service, "signal": text} or {"host_fault": name, "values": {..}}, with at most one of "at" [s of the
-    run] and "after" [s from now], and at most one of "until" and "for" [s]; {"end": [name, ..]}; or {} to list what is on.
+    run] and "after" [s from now], and at most one of "until" and "for" [s]; {"end": [name, ..]}; or {} to list active faults.
     """
     if "end" in request:
         names = [str(name) for name in request["end"]] if isinstance(request["end"], list) else []
@@ -134,7 +134,7 @@ def _read_time(request: Mapping[str, Any], name: str) -> float | None:
 
 
 def _find_answer(connection: socket.socket, answer: Answer) -> Mapping[str, Any]:
-    asked = connection.recv(_MOST_BYTES)  # also of who may not ask: an answer to what was not read is lost
+    asked = connection.recv(_MOST_BYTES)  # also from a user without permission: else the answer would be lost
     if (user := _find_user(connection)) != os.getuid():
         return {"error": f"user {user} may not ask for faults of a bench of user {os.getuid()}"}
     try:
@@ -147,14 +147,14 @@ def _find_answer(connection: socket.socket, answer: Answer) -> Mapping[str, Any]
 
 
 def _find_user(connection: socket.socket) -> int:
-    """Number of the user at the other end."""
+    """Return the user number of the peer."""
     content = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     user: int = _CREDENTIALS.unpack(content)[1]
     return user
 
 
 def find_address(bus: str | None) -> str:
-    """Address of the bench on `bus`, or of the only one of this user. Raises InputError for more than one."""
+    """Return the address of the bench on `bus`, or of the only one of this user. Raises InputError for several benches."""
     if bus is not None:
         return _make_address(bus)
     lines = Path("/proc/net/unix").read_text(encoding="utf-8", errors="replace").splitlines()

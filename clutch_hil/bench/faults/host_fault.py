@@ -19,16 +19,16 @@ class HostFault(ABC):
 
     @classmethod  # noqa: B027 - most can be played everywhere
     def check(cls, bus: str, telemetry: bool) -> None:
-        """Raise InputError where this computer, or a bench on `bus` with or without `telemetry`, cannot play it."""
+        """Raise InputError where this computer, or a bench on `bus` with or without `telemetry`, cannot play the fault."""
 
     @classmethod
     @abstractmethod
     def begin(cls, around: Surroundings, values: Mapping[str, float]) -> Callable[[], None]:
-        """Begin it with `values` of its parameters, each in its unit; return what ends it. Raises InputError."""
+        """Begin the fault with `values` of its parameters, each in its unit; return a function to end it. Raises InputError."""
 
 
 def has_capability(number: int) -> bool:
-    """Whether this process has a capability of Linux, by its number in linux/capability.h."""
+    """Return whether this process has a capability of Linux, by its number in linux/capability.h."""
     for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) >> number & 1)

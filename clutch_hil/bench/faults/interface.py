@@ -1,4 +1,4 @@
-"""Fault of the CAN interface: it is taken down, as by an administrator or a driver that resets it."""
+"""Fault of the CAN interface: it is set down, as by an administrator or a driver that resets it."""
 
 import fcntl
 import socket

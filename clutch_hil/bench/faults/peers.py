@@ -11,7 +11,7 @@ from protocols.realtime.child import end_child, list_module_command, spawn
 from protocols.telemetry.keys import make_bench_name
 
 VALID, UNKNOWN = "valid", "unknown"  # kinds of requests in a flood
-_ENDING = 2.0  # s for a peer to end after it was asked to
+_ENDING = 2.0  # s for a peer to end after the request
 
 
 class NetworkFault(HostFault):
@@ -49,7 +49,7 @@ class RubbishPeer(NetworkFault):
 
 
 def _start(program: str, around: Surroundings, *arguments: str) -> Callable[[], None]:
-    """Start a program of this package against the bench; return what ends it."""
+    """Start a program of this package against the bench; return a function that ends it."""
     network = [around.router] if around.router else []
     words = [make_bench_name(around.bus), *arguments, *network]
     peer = spawn(list_module_command(f"{__package__}.{program}", *words), subprocess.DEVNULL)

@@ -1,10 +1,10 @@
-"""Request flood: a program that sends requests to the controller of a bench, and does not wait for the answers.
+"""Request flood: a program that sends requests to the controller of a bench without waiting for the answers.
 
     python -m clutch_hil.bench.faults.request_flood BENCH RATE KIND [NETWORK]
 
-asks RATE times a second, in turn, for a change of a parameter and for the newest row. KIND `valid` changes a parameter to the
-value that it has, `unknown` one that there is not, another name each time. When it is asked to end it prints how many requests
-it sent, and in how many s. NETWORK is that of a consumer: a router, or a file of `secure`.
+The program sends RATE requests per second, alternately for a change of a parameter and for the newest row. KIND `valid` sets a
+parameter to its present value; `unknown` uses parameters that do not exist, another name each time. At its end the program
+prints the number of requests and the time in s. NETWORK is that of a consumer: a router, or a file of `secure`.
 """
 
 import json
@@ -21,13 +21,13 @@ from protocols.telemetry.session import open_consumer_session
 _PERIOD = 0.01  # s between bursts of requests
 _ANSWER_TIMEOUT = 1.0  # s after which zenoh forgets a request that had no answer
 _GAIN = "torque.integral_gain"
-_MOST_WAITING = 2000  # requests whose answers are waited for; older ones are dropped
+_MOST_WAITING = 2000  # requests that wait for answers; older ones are dropped
 
 
 def flood(bench: str, rate: float, unknown: bool, network: str | None = None) -> tuple[int, float]:
-    """Ask `rate` times a second [Hz] until the process is asked to end; return the number of requests, and the time [s].
+    """Send `rate` requests per second [Hz] until the process is asked to end; return the number of requests, and the time [s].
 
-    unknown: whether the parameters have names that nobody knows.
+    unknown: whether the names of the parameters do not exist.
     """
     with Stop() as stop, open_consumer_session(network) as session:
         keys, value = Keys(bench, "controller"), None

@@ -2,7 +2,8 @@
 
     python -m clutch_hil.bench.faults.rubbish_peer BENCH RATE SEED [NETWORK]
 
-publishes RATE messages a second until it is asked to end. NETWORK is that of a consumer: a router, or a file of `secure`.
+The program publishes RATE messages per second until it is asked to end. NETWORK is that of a consumer: a router, or a file of
+`secure`.
 """
 
 import itertools
@@ -20,13 +21,13 @@ from protocols.telemetry.keys import NODES, Keys
 from protocols.telemetry.session import open_consumer_session, open_publisher_session
 
 QUESTIONS = ("history", "last", "describe", "parameters", "events", "requests")
-FRESH = 2.0  # s, after which sound copies are taken anew, and changed parameters go back to what they were
-_LOOK = 0.05  # s between looks whether it is to end
+FRESH = 2.0  # s, after which sound copies are taken again, and changed parameters are restored
+_LOOK = 0.05  # s between checks whether to end
 RUBBISH_RATE = 50.0  # Hz, of messages: as many as a node publishes
 
 
 class RubbishPeer:
-    """Publishes rubbish under the keys of a bench while entered, from a thread, and answers questions by rubbish.
+    """Publish rubbish under the keys of a bench while entered, from a thread, and answer requests with rubbish.
 
     rate: of messages [Hz]. network: of a consumer; on loopback if None. published, answered: number of messages and answers.
     zid: of its session.
@@ -43,7 +44,7 @@ class RubbishPeer:
     def __enter__(self) -> "RubbishPeer":
         network = self._network
         self._listener = open_consumer_session(network)
-        # in a network that has certificates or a router, a speaker is a consumer that publishes
+        # in a network with certificates or a router, this peer connects as a consumer
         self._speaker = open_consumer_session(network) if network else open_publisher_session()
         self.zid = self._speaker.info.zid()
         self._thread.start()
@@ -96,7 +97,7 @@ class RubbishPeer:
         del token
 
     def _ask_for_answers(self, keys: list[str]) -> dict[str, Sound]:
-        """Sound answers of the bench."""
+        """Return sound answers of the bench."""
         waiting = {key: self._listener.get(key, timeout=1.0, target=zenoh.QueryTarget.ALL) for key in keys}
         answers = {}
         for key, replies in waiting.items():

@@ -1,8 +1,8 @@
 """Linear motion: effects of the catalogue as candidates of a contact that moves along a straight path.
 
 The effects are those of the rotating clutch at a lever of 1 m: torque [Nm] and force [N], angle [rad] and path [m] then have
-the same number. Three things differ. Bounds of the parameters follow from the size of the rig. A ripple has a `period` instead
-of an `order` a turn. Friction of the baseline does not fall with speed.
+the same number. There are three differences. Bounds of the parameters follow from the size of the rig. A ripple has a `period`
+instead of an `order` per turn. Friction of the baseline does not decrease with speed.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,13 +15,13 @@ from plant_sim.effects.effect import Effect, Shape, Strength
 from protocols.files.units import to_si
 
 PERIOD = "period"
-STRIBECK_DEPTH = 0.5  # 1 - beta for a depth of 1: friction falls to half at high speed
+STRIBECK_DEPTH = 0.5  # 1 - beta for a depth of 1: friction decreases to half at high speed
 _LAWS = "\n(M: friction force, theta: path, omega: speed; at a lever of 1 m)"
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Size of a rig: greatest friction force [N], speed [m/s], path [m] and, where the load is known, load [N]."""
+    """Size of a rig: largest friction force [N], speed [m/s], path [m] and, where the load is known, load [N]."""
 
     force: float
     speed: float
@@ -30,13 +30,13 @@ class Scale:
 
 
 def make_candidates(scale: Scale, names: Iterable[str]) -> tuple[Candidate, ...]:
-    """The effects `names` as candidates of a rig of size `scale`."""
+    """Return the effects `names` as candidates of a rig of size `scale`."""
     known = _scale_parameters(scale)
     return tuple(_make_candidate(find_effect(name), known[name]) for name in names)
 
 
 def convert_law_values(candidate: Candidate, values: Values) -> list[float]:
-    """SI values of an effect's parameters as its laws take them, from `values` by dotted name in the candidate's units."""
+    """Return an effect's parameters in SI, as its laws take them, from `values` by dotted name in the candidate's units."""
     own = {p.name: to_si(values.get(f"{candidate.name}.{p.name}", p.off), p.unit) for p in candidate.parameters}
     if PERIOD in own:
         own["order"] = 2.0 * pi / own[PERIOD]
@@ -49,7 +49,7 @@ def _make_candidate(one: Effect, parameters: tuple[Strength | Shape, ...]) -> Ca
 
 
 def _scale_parameters(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
-    """Parameters of each effect for a rig of this size."""
+    """Return the parameters of each effect for a rig of this size."""
     size = "[D] by the size of the rig"
     millimetres = 1e3 * s.path
     ripple = (
@@ -96,5 +96,5 @@ def _scale_parameters(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
 
 
 def _find_parameter(name: str, parameter: str) -> Strength | Shape:
-    """A parameter of an effect, unchanged from the catalogue."""
+    """Return a parameter of an effect, unchanged from the catalogue."""
     return next(p for p in find_effect(name).parameters if p.name == parameter)

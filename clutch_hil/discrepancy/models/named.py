@@ -1,4 +1,4 @@
-"""Models by the name that `--rig` has: a rig's, one of the entry points `clutch_hil.models`, or a class in a user's file."""
+"""Models by their name in `--rig`: that of a rig, an entry point in `clutch_hil.models`, or a class in a user's file."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from protocols.user_file import load_user_file
 
 GROUP = "clutch_hil.models"
 _MOST = 5.0  # stated uncertainties: five standard deviations
-_NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # what `Model` has
+_NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # attributes of `Model`
 # Methods of a model by their old names
 _RENAMED = {
     "limits": "list_limits",
@@ -31,7 +31,7 @@ _RENAMED = {
 
 
 def find_model(rig: str, changed: Path | None = None) -> Model:
-    """The model `rig`, a name or PATH.py:CLASS, with its parameters as the model file `changed` has them. Raises InputError."""
+    """Return the model `rig`, a name or PATH.py:CLASS, with the parameters of the model file `changed`. Raises InputError."""
     made = _load_user_class(rig) if ".py" in rig else _find_installed_class(rig)
     try:
         model = made()
@@ -49,20 +49,20 @@ def find_model(rig: str, changed: Path | None = None) -> Model:
 
 
 def set_calibration(model: Any, share: float) -> Any:
-    """`model` with another `calibration`. Raises InputError."""
+    """Return `model` with another `calibration`. Raises InputError."""
     model.calibration = check_refit(share)
     return model
 
 
 def check_refit(share: float, name: str = "calibration") -> float:
-    """`share`, if a baseline can be re-fitted within so many stated uncertainties. Raises InputError, which has `name`."""
+    """Return `share` if it is an allowed number of stated uncertainties for a re-fit. Raises InputError, which has `name`."""
     if not 0.0 < share <= _MOST:
         raise InputError(f"{name} {share:g} is not possible; allowed is more than 0 and at most {_MOST:g}")
     return share
 
 
 def declare_parameters(model: Model) -> ParameterSet:
-    """Parameters of a model as shipped, with every effect off: what a model file may change."""
+    """Return the parameters of a model as shipped, with every effect off: those that a model file may change."""
     if hasattr(model, "list_nominal_parameters"):
         return ParameterSet(model.list_nominal_parameters())
     return ParameterSet(
@@ -71,19 +71,19 @@ def declare_parameters(model: Model) -> ParameterSet:
 
 
 def list_required_columns(model: Model) -> tuple[str, ...]:
-    """Columns that a run of the model must have."""
+    """Return the columns that a run of the model must have."""
     if isinstance(model, Demanding):
         return model.run_columns
     return ("time_s", *model.inputs, *(output.column for output in model.outputs))
 
 
 def read_evidence(path: Path, model: Model) -> Columns:
-    """Columns of a run that the model can be compared with. Raises InputError naming the file and what is wrong."""
+    """Read the columns of a run that can be compared with the model. Raises InputError naming the file and the error."""
     return select_evidence(path, read_columns(path), model)
 
 
 def select_evidence(path: Path, run: Run, model: Model) -> Columns:
-    """Columns of `run`, told as `path`, that the model can be compared with. Raises InputError."""
+    """Return the columns of `run` that can be compared with the model; errors name it `path`. Raises InputError."""
     columns, rig = list_required_columns(model), run.metadata.get("rig")
     if rig in list_rigs() and find_rig(rig).plant.clutches and not set(columns) <= set(run.columns):
         raise InputError(

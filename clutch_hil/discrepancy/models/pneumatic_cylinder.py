@@ -1,4 +1,4 @@
-"""A pneumatic cylinder moved against its own pressure. The output is the rod's force, which contains the friction of its seals.
+"""A pneumatic cylinder moved against its own pressure. The output is the rod's force, which includes the seal friction.
 
 Equation        F = p A + F_c sign(v),  v and F positive as the rod is pushed in
 Assumptions     slow motion: no inertia, and the pressure in the cylinder is that at the sensor

@@ -1,16 +1,16 @@
-"""A position axis. The output is the motor's force: in the position the closed loop compensates what is missing.
+"""A position axis. The output is the motor's force, because the closed loop hides missing effects in the position.
 
 Equation        F_m = M x'' + F_c sign(v) + F_v v, x later by the delay of drive and sample
                                                                      (inverse dynamics; Janot, Gautier and Brunot 2019)
-                F_c in proportion to the load where the run has a column `normal_load_n`
+                F_c proportional to the load where the run has a column `normal_load_n`
 Inputs          the measured position; speed and acceleration are derived from it without delay (`measured_motion.py`)
-Assumptions     rigid; the column of the force is what the motor delivers, in most rigs its current or its demand
+Assumptions     rigid; the column of the force is the force of the motor, in most rigs its current or its demand
 Valid range     motions slower than the window of the differentiator (`motion.window`), noise well below them
 Not modelled    flexible modes
 References      Janot, Gautier and Brunot 2019, Data set and reference models of EMPS, Workshop on Nonlinear System
                 Identification Benchmarks; Gautier 1997
 
-A simulated axis (`plant_sim.rigs.position_axis`) can be judged as well: `to_columns` converts its `Run`.
+A simulated axis (`plant_sim.rigs.position_axis`) can be evaluated as well: `to_columns` converts its `Run`.
 """
 
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ class PositionAxis(SlidingContact):
 
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
         time = run["time_s"]
-        at = time + own["motor.delay"].si  # the motion that the recorded force belongs to
+        at = time + own["motor.delay"].si  # time of the motion that belongs to the recorded force
         return Motion(*(np.interp(at, time, one) for one in smooth(run["position_m"], period, own["motion.window"].si)))
 
     def _list_loads(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
@@ -64,7 +64,7 @@ class PositionAxis(SlidingContact):
 
 
 def to_columns(run: "Run") -> dict[str, np.ndarray]:
-    """Columns of a run file from the record of a simulated axis."""
+    """Return the columns of a run file from the record of a simulated axis."""
     return {
         "time_s": run.time_s,
         "position_m": run.position,

@@ -1,10 +1,10 @@
 """Starts of the fit of a ripple: the strongest periods of the residual over the path.
 
-Equation        r = c A cos(2 pi x/period + phase),  c what the ripple is a share of (1 N where it is none)
+Equation        r = c A cos(2 pi x/period + phase),  c the quantity to which the ripple is proportional (1 N for none)
                 line(w) = 2 sum(c r exp(-2 pi i w x))/sum(c^2), over places first, then about its peaks over all samples
-                places are equally far apart: all lines of the spectrum by one chirp transform, whatever the travel
-Memory          in proportion to the travel over the shortest period, and no more than for _MOST_BINS places: of a longer travel
-                the part about its median is taken
+                places have equal distances: one chirp transform gives all lines of the spectrum, for any travel
+Memory          proportional to the travel over the shortest period, for at most _MOST_BINS places: of a longer travel only the
+                part about its median is used
 References      Rabiner, Schafer and Rader 1969, Bell Syst. Tech. J. 48 (chirp z-transform)
 Assumptions     places are visited in both directions, or c keeps its sign
 """
@@ -17,8 +17,8 @@ from clutch_hil.fitting.model import Candidate
 from clutch_hil.recordings.measured_motion import Motion
 
 _LEAST_SPEED = 0.1  # of the greatest speed: slower samples show the reversal, not the position
-_BINS = 8  # along the shortest period
-_STARTS = 3  # periods that are returned
+_BINS = 8  # places along the shortest period
+_STARTS = 3  # number of returned periods
 _COARSE_LINES = 4  # lines of the coarse spectrum for each line that the path can resolve
 _MOST_BINS = 1 << 20  # places: 130 000 shortest periods, some 100 MB while the spectrum is computed
 _CHUNK = 1 << 16  # samples whose phases are in memory at once: 42 MB for the lines near a peak
@@ -28,10 +28,10 @@ _FINE_LINES = 40  # lines near a peak: the phase is then right to 1/80 of a peri
 def find_ripple_starts(
     candidate: Candidate, moved: Motion, residual: np.ndarray, carrier: np.ndarray
 ) -> list[dict[str, float]]:
-    """Period, amplitude and phase by dotted name of the strongest ripples; [] where nothing moves.
+    """Return period, amplitude and phase by dotted name of the strongest ripples; [] where nothing moves.
 
     residual [N], carrier c [N]: (n,). The part of the residual that is linear in acceleration, speed and direction is removed
-    first, as the baseline may not be fitted yet.
+    first, because the baseline may not be fitted yet.
     """
     limits = {p.name: p.bounds for p in candidate.parameters}
     shortest, longest = (1e-3 * bound for bound in limits[PERIOD])  # m
@@ -68,7 +68,7 @@ def find_ripple_starts(
 
 
 def _compute_lines(x: np.ndarray, weighted: np.ndarray, waves: np.ndarray) -> np.ndarray:
-    """2 sum(weighted exp(-2 pi i w x)) for each wave number w [1/m] of `waves` (k,)."""
+    """Return 2 sum(weighted exp(-2 pi i w x)) for each wave number w [1/m] of `waves` (k,)."""
     total = np.zeros(len(waves), complex)
     for begin in range(0, len(x), _CHUNK):
         part = slice(begin, begin + _CHUNK)

@@ -1,8 +1,8 @@
-"""A clutch of the power-shift rig as a model of its own: from valve voltage and slip to pressure, torque and oil temperature.
+"""A clutch of the power-shift rig as a separate model: from valve voltage and slip to pressure, torque and oil temperature.
 
-Equation        `plant_sim.rigs.shaft_clutch_run`. What its shafts do is in the measured slip
-Assumptions     as in `wet_clutch`; the slip is measured so well that its error changes no torque (docs/identify.md)
-Not modelled    plates that stick. So rows of a slip near 0 in contact say nothing of the torque, see `unseen`
+Equation        `plant_sim.rigs.shaft_clutch_run`. The measured slip contains the effect of the shafts
+Assumptions     as in `wet_clutch`; the error of the measured slip is so small that it changes no torque (docs/identify.md)
+Not modelled    sticking plates. So rows with a slip near 0 in contact give no information on the torque, see `unseen`
 """
 
 import numpy as np
@@ -15,20 +15,20 @@ from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_st
 from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
 from protocols.files.units import BAR
 
-_LEAST_SLIP = 0.5  # rad/s: plates with less may stick, as in the steps of identification
-# s after such a slip: 14 times the lag of friction (docs/rig.md); of a lag that is a third longer 3e-5 of the state is left
+_LEAST_SLIP = 0.5  # rad/s: plates with less slip may stick, as in the steps of identification
+# s after such a slip: 14 times the lag of friction (docs/rig.md); with a lag a third longer, 3e-5 of the state is left
 _UNSEEN = 0.2
-_BEFORE = 5e-3  # s before it: the smoothed slip sees what comes
+_BEFORE = 5e-3  # s before it: the smoothing of the slip also uses later samples
 
 
 class ShaftClutch(WetClutch):
-    """One clutch of a rig whose shafts are driven by more than it. Parameters and effects are those of the wet clutch."""
+    """One clutch of a rig with other drives on its shafts. Parameters and effects are those of the wet clutch."""
 
     inputs = ("valve_voltage_v", "slip_speed_rad_s")
     outputs: tuple[Output, ...] = tuple(o for o in WetClutch.outputs if o.block != "drive")
 
     def _offer_candidates(self) -> tuple[Candidate, ...]:
-        return ()  # it is identified, no effect is looked for
+        return ()  # it is only identified; no effect is searched for
 
     def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
         """See `Partial`: rows (n,) in which the plates may stick."""
@@ -46,7 +46,7 @@ class ShaftClutch(WetClutch):
         rig, rate = self._rig(tuple(values.items()))
         period = float(columns["time_s"][1] - columns["time_s"][0])
         voltage, slip = (np.ascontiguousarray(columns[name]) for name in self.inputs)
-        slip = slip - values.get(SPEED, 0.0)  # the zero of its sensor is no slip of the plates
+        slip = slip - values.get(SPEED, 0.0)  # the zero error of its sensor is not slip of the plates
         logged, step = find_logged_rows(columns, period), period
         if logged:
             voltage, slip, step = logged.refine(voltage), logged.refine(slip), logged.period

@@ -6,7 +6,7 @@ Effects         those of the simulator at a lever of 1 m: the force is their tor
 Assumptions     constant speed within a sample; the path is the measured one, whatever the friction is
 Not modelled    noise
 References      Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7): Coulomb and viscous friction with sign(v),
-                which m is within one sample
+                which m reaches within one sample
 """
 
 from abc import ABC, abstractmethod
@@ -34,21 +34,21 @@ from protocols.files.units import ZERO_CELSIUS
 _PARAMETERS = Path(__file__).parent
 ROOM_TEMPERATURE = 20.0 + ZERO_CELSIUS  # K: these rigs measure no temperature, and no candidate depends on it
 
-# Fields of the clutch's parameters that its friction law, and the laws of the candidates, read
+# Fields of the clutch's parameters that its friction law and the laws of the candidates read
 _FIELDS = (
     "clutch_coulomb_slope", "clutch_coulomb_intercept", "clutch_viscous_slope", "clutch_viscous_intercept",
     "clutch_viscous_exponent", "clutch_beta_inf", "clutch_beta_onset", "clutch_beta_scale", "clutch_stribeck_speed",
     "clutch_attraction", "piston_contact_pressure",
 )  # fmt: skip
 _SPEED = "speed_m_s"  # column that a run may have
-_SLIDING = 0.3  # of the greatest speed: chosen, pre-sliding and the dip of friction at a reversal are below
+_SLIDING = 0.3  # of the greatest speed: chosen; pre-sliding and the dip of friction at a reversal occur below
 _RECORD = np.dtype([(name, np.float64) for name in _FIELDS])
 _RECORD_TYPE = from_dtype(_RECORD)
 _CONSTANT = {
     "clutch_viscous_exponent": 1.0,
     "clutch_beta_onset": -1e9, "clutch_beta_scale": 1.0,  # beta does not depend on the load
     "clutch_stribeck_speed": 1.0,  # m/s, of which stribeck_change.speed is a multiple
-    "clutch_attraction": 1e4,  # 1/s: sign(v) within a sample of 1 ms; friction_lag makes less of it
+    "clutch_attraction": 1e4,  # 1/s: sign(v) within a sample of 1 ms; friction_lag reduces it
 }  # fmt: skip
 
 
@@ -73,7 +73,7 @@ class SlidingContact(ABC):
     scale: ClassVar[Scale]
     known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
     defaults: ClassVar[str]  # file of plant_sim/parameters
-    lag: ClassVar[float] = Limits.delay  # s: by which friction may be late; a contact that bends far in slow strokes is
+    lag: ClassVar[float] = Limits.delay  # s: largest delay of friction; larger for far deflection in slow strokes
     load: ClassVar[str] = ""  # column of the normal load, which a run may have
 
     def __init__(self, parameters: ParameterSet | None = None) -> None:
@@ -86,7 +86,7 @@ class SlidingContact(ABC):
 
     @classmethod
     def list_nominal_parameters(cls) -> ParameterSet:
-        """Parameters of the baseline and of every candidate, switched off."""
+        """Return the parameters of the baseline and of every candidate, switched off."""
         own = load_defaults(_PARAMETERS / cls.defaults)
         return ParameterSet({**own, **{name: p for c in cls.known for name, p in c.declare_parameters().items()}})
 
@@ -103,12 +103,12 @@ class SlidingContact(ABC):
         )
         record = self._record(own, on)
         column = self.output.column
-        m = 0.0  # share of its level that friction begins with, as measured
+        m = 0.0  # initial friction as a share of its level, as measured
         level = record["clutch_coulomb_slope"] * drive.load[0] + record["clutch_coulomb_intercept"]
         if column in run and level > 0.0:
             m = min(max((float(run[column][0]) - drive.other[0]) / level, -1.0), 1.0)
         states = table.make_rest_states()
-        if "presliding" in table.spans:  # the contact is bent so far, and would slide at its full level
+        if "presliding" in table.spans:  # initial deflection, which gives the full level in sliding
             states[slice(*table.spans["presliding"])] = m
             m = float(np.sign(m))
         c = np.array([tuple(record[name] for name in _FIELDS)], dtype=_RECORD)
@@ -117,7 +117,7 @@ class SlidingContact(ABC):
         return {column: force}
 
     def suggest_starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
-        """See `Hinting`: periods that stand in the residual over the path; sizes of pre-sliding and of Stribeck speed."""
+        """See `Hinting`: periods in the residual over the path; sizes of pre-sliding and of Stribeck speed."""
         typical, start = candidate.list_typical_values(), find_effect(candidate.name).start
         if isinstance(start, StrongestOrder):
             period = float(run["time_s"][1] - run["time_s"][0])
@@ -125,7 +125,7 @@ class SlidingContact(ABC):
             carrier = np.ones(left.size)
             if start.share_of == "clutch_torque_nm":  # a share of the friction
                 carrier = np.sign(moved.speed) * self._compute_level(run, moved)
-            elif start.share_of == "motor_torque_nm":  # what the motor lacks must be asked for
+            elif start.share_of == "motor_torque_nm":  # the drive must be commanded to supply what the motor lacks
                 carrier = left - run[self.output.column]
             return find_ripple_starts(candidate, moved, left, carrier)
         tried: list[dict[str, float]] = [{}]
@@ -136,27 +136,27 @@ class SlidingContact(ABC):
         return [typical | one for one in tried if one]
 
     def _compute_level(self, run: Columns, moved: Motion) -> np.ndarray:
-        """Coulomb friction [N] (n,) of the baseline as declared."""
+        """Return the Coulomb friction [N] (n,) of the baseline as declared."""
         contact = self._list_contact(self.parameters)
         load = self._list_loads(run, self.parameters, moved).load
         return contact.get("clutch_coulomb_slope", 0.0) * load + contact.get("clutch_coulomb_intercept", 0.0)
 
     def list_limits(self) -> Mapping[str, Limits]:
-        """See `Ranged`: the path and the force that the rig is made for; the first input is the position."""
+        """See `Ranged`: the path and the force for which the rig is designed; the first input is the position."""
         return {
             self.inputs[0]: Limits(span=self.scale.path),
             self.output.column: Limits(span=self.scale.force, delay=self.lag),
         }
 
     def from_others(self, run: Columns) -> Mapping[str, tuple[str, np.ndarray]]:
-        """See `Redundant`: a speed that was recorded, too, is the derivative of the position."""
+        """See `Redundant`: a recorded speed must be the derivative of the position."""
         if _SPEED not in run or "motion.window" not in self.parameters:
             return {}
         moved = self._track_motion(run, self.parameters, float(run["time_s"][1] - run["time_s"][0]))
         return {_SPEED: (self.inputs[0], moved.speed)}
 
     def imply_inputs(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
-        """See `Implying`: friction has the sign of the speed, and tells the load that it is in proportion to."""
+        """See `Implying`: friction has the sign of the speed, and gives the load to which it is proportional."""
         own, column = self.parameters, self.output.column
         moved = self._track_motion(run, own, float(run["time_s"][1] - run["time_s"][0]))
         friction = run[column] - self._list_loads(run, own, moved).other
@@ -173,19 +173,19 @@ class SlidingContact(ABC):
 
     @abstractmethod
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
-        """The motion at the samples of a run; `own`: parameters of the baseline, period [s]."""
+        """Return the motion at the samples of a run; `own`: parameters of the baseline, period [s]."""
 
     @abstractmethod
     def _list_loads(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
-        """Loads of the contact at the samples of a run; `own`: parameters of the baseline, `moved`: the motion."""
+        """Return the loads of the contact at the samples of a run; `own`: parameters of the baseline, `moved`: the motion."""
 
     @abstractmethod
     def _list_contact(self, own: ParameterSet) -> Mapping[str, float]:
-        """Friction mu [1] (`clutch_coulomb_slope`), F_c [N] and F_v [Ns/m]: fields of the record that are not 0."""
+        """Return friction mu [1] (`clutch_coulomb_slope`), F_c [N] and F_v [Ns/m]: fields of the record that are not 0."""
 
     def _record(self, own: ParameterSet, on: list[Candidate]) -> dict[str, float]:
         falls = any(c.name == "stribeck_change" for c in on)
-        beta = 1.0 - STRIBECK_DEPTH if falls else 1.0  # depth 0 and no candidate are the same
+        beta = 1.0 - STRIBECK_DEPTH if falls else 1.0  # depth 0 and no candidate are equivalent
         return dict.fromkeys(_FIELDS, 0.0) | _CONSTANT | {"clutch_beta_inf": beta, **self._list_contact(own)}
 
     @classmethod
@@ -194,7 +194,7 @@ class SlidingContact(ABC):
 
 
 _DECADES = (1e-3, 1e-2, 1e-1)
-_START_SHARES: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # where fits begin, as shares of the bounds
+_START_SHARES: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # initial values of the fits, as shares of the bounds
     "presliding": {"angle": _DECADES, "spread": (0.0, 1.0 / 3.0)},
     "stribeck_change": {"speed": _DECADES},
 }
@@ -202,7 +202,7 @@ _START_SHARES: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # where fits b
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def play(position, speed, load, pressure, other, m, period, parameters, effects, states, force):
-    """Write the sensor's `force` [N] (n,) along `position` [m] at `speed` [m/s]; `m` [1] and `states` are those at the start.
+    """Write the sensor's `force` [N] (n,) along `position` [m] at `speed` [m/s]; `m` [1] and `states` are the initial values.
 
     load [N], pressure [Pa], other [N]: (n,), see `Drive`; period [s].
     """
@@ -212,7 +212,7 @@ def play(position, speed, load, pressure, other, m, period, parameters, effects,
     s.temperature = ROOM_TEMPERATURE
     for k in range(position.size):
         moved = period * speed[k]
-        s.time, s.angle = k * period, position[k] - 0.5 * moved  # the step's beginning; its middle is at `position`
+        s.time, s.angle = k * period, position[k] - 0.5 * moved  # beginning of the step; its middle is at `position`
         m, friction = slide(m, load[k], speed[k], 1.0, s, c, e, period)
         if has_law(PISTON, e):
             s.pressure, s.displacement, s.piston_force = pressure[k], moved, 0.0
@@ -222,7 +222,7 @@ def play(position, speed, load, pressure, other, m, period, parameters, effects,
         if has_law(DRIVE, e):
             s.motor_torque, s.drive_torque = 1.0, 1.0
             call(DRIVE, e, s, c, period)
-            shown /= s.drive_torque  # what must be asked for, that this is delivered
+            shown /= s.drive_torque  # force to command, so that this force is delivered
         if has_law(SENSORS, e):
             s.sensed_clutch_torque = shown
             call(SENSORS, e, s, c, period)

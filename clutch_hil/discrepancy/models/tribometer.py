@@ -5,7 +5,7 @@ Assumptions     the mass between contact and force sensor is small: no inertia
 Not modelled    the tangential compliance of the instrument; a fitted pre-sliding stiffness includes it
 References      Coulomb 1785; data: clutch_hil/recordings/maps/microtribometer.toml
 
-A simulated tribometer (`plant_sim.rigs.tribometer`) can be judged as well: `to_columns` converts its `Record`.
+A simulated tribometer (`plant_sim.rigs.tribometer`) can be evaluated as well: `to_columns` converts its `Record`.
 """
 
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ class Tribometer(SlidingContact):
 
 
 def to_columns(record: "Record", radius: float) -> dict[str, np.ndarray]:
-    """Columns of a run file from the record of a simulated tribometer; `radius` [m]: mean of the disks."""
+    """Return the columns of a run file from the record of a simulated tribometer; `radius` [m]: mean radius of the disks."""
     return {
         "time_s": record.time_s,
         "displacement_m": radius * record.angle_measured,

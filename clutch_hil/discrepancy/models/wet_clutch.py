@@ -1,10 +1,10 @@
 """The wet-clutch rig for the discrepancy workflow: the plant simulator's own kernel, parameters and effects.
 
-Equation        `plant_sim.rigs.wet_clutch`, from valve voltage and speed demand; blocks behind measured pressure and slip
-Assumptions     a run begins at rest (docs/rig.md), or in operation as `run_beginning` says
-Integration     steps of 0.5 ms: against 0.025 ms the pressure differs by 0.9 mbar at most, the torque by 3 mNm root
+Equation        `plant_sim.rigs.wet_clutch`, from valve voltage and speed demand; blocks driven by measured pressure and slip
+Assumptions     a run begins at rest (docs/rig.md), or in operation as in `run_beginning`
+Integration     steps of 0.5 ms: compared with 0.025 ms the pressure differs by 0.9 mbar at most, the torque by 3 mNm root
                 mean square (tests/clutch_hil/discrepancy/test_wet_clutch_model.py); shorter where an effect is fast
-Not modelled    converters' rounding: fits see means over samples
+Not modelled    converters' rounding: fits use means over samples
 References      docs/rig.md
 """
 
@@ -38,20 +38,20 @@ from protocols.files.units import BAR
 
 _LIMIT = "motor_torque_limit_nm"  # a column that a run may have
 _STEP = 5e-4  # s, see Integration
-_FINE = 1e-4  # s, with springs in the drive, which are laid out for it
+_FINE = 1e-4  # s, step with springs in the drive, which were dimensioned for it
 _RATE = 2.0  # rate of piston and cylinder times step: accurate as well as stable (2.78)
-_RIGS = 8  # points that are simulated at a time, on as many CPUs
-_SMOOTH = 3e-3  # s, standard deviation of the window that measured pressure and slip are smoothed with to drive a block
-_MOTOR_GAIN = 1.25  # of the motor's limit that its channel may show: a gain error of a quarter, and noise
-_COLDEST = -40.0  # degC of the oil: a cold chamber
+_RIGS = 8  # points that are simulated at the same time, on as many CPUs
+_SMOOTH = 3e-3  # s, standard deviation of the window that smooths measured pressure and slip before they drive a block
+_MOTOR_GAIN = 1.25  # of the motor's limit: largest reading of its channel, for a gain error of a quarter, and noise
+_COLDEST = -40.0  # degC of the oil: a climatic chamber
 _HEATED = 60.0  # K above the sump: runs heat the oil by 10 K; 55 degC, the coldest of the battery, are 131 degF
 _LATE_TEMPERATURE = 60.0  # s: bound of temperature_sensor_lag.time
 _CONVERTED = (  # column, group of its sensor, parameter of coarse_quantisation
     ("cylinder_pressure_bar", "pressure", "pressure_bits_lost"),
     ("clutch_torque_nm", "clutch_torque", "torque_bits_lost"),
 )
-_LOST = 1.0  # bits that a converter has lost at least before it is called coarse
-_TOLD = 0.02  # bits, or steps, to which a lattice tells them
+_LOST = 1.0  # bits that a converter must have lost to be called coarse
+_TOLD = 0.02  # bits, or steps: accuracy of both from the recorded values
 _CHANNELS = ("pressure", "temperature", "motor_torque", "clutch_torque")  # in the order of `run`'s scales
 _SHOWN: Mapping[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
     "cylinder_pressure_bar": (PRESSURE, lambda pascal: pascal / BAR),
@@ -75,14 +75,14 @@ class WetClutch:
         Output("slip_speed_rad_s", "rad/s", "drive", 0.0157),
         Output("oil_temperature_degc", "degC", "friction", 0.028, beginning=0.1),
     )
-    # Half the stated uncertainty: the battery's rigs are off by 0.15 of it (standard deviation). The more is allowed, the
-    # more of valve_gain, friction_level, return_spring_change, clearance_change ... counts as calibration.
+    # Half the stated uncertainty: the battery's rigs deviate by 0.15 of it (standard deviation). With a larger share, more of
+    # valve_gain, friction_level, return_spring_change, clearance_change ... counts as calibration.
     calibration = 0.5
     identification = "clutch-hil identify RUN... --out FOLDER"
     # 12 s of six profiles of a sound rig were logged. At 500 Hz six of six lacked nothing, at 200 Hz five, at 100 Hz four, at
     # 50 Hz two, and none got a wrong name; at 20 Hz two of three did
     doubtful_timing, most_timing = 1e-3, 1e-2
-    # Eq. 6.9 says nothing of plates that rest: those that stick, or friction that follows there with the same lag
+    # Eq. 6.9 does not cover plates at rest: they may stick, or the friction follows there with the same lag
     readings: Mapping[str, Values] = {
         "plates that rest hold at once what is applied": {"standstill.lag": 0.0},
         "friction of plates that rest builds up by eq. 6.9": {"standstill.lag": 1.0},
@@ -94,14 +94,14 @@ class WetClutch:
     }
 
     def __init__(self, parameters: ParameterSet | None = None, step: float = _STEP) -> None:
-        """step: of the integration [s], at most."""
+        """Load the parameters. step: longest step of the integration [s]."""
         whole = parameters or wet_clutch.load_nominal()
         self._step = step
         plug_ins = catalogue()
         self._whole = whole
-        read = wet_clutch.load_nominal()  # a recording was scaled by the data sheets, whatever the sensors are
+        read = wet_clutch.load_nominal()  # a recording was scaled by the data sheets, whatever the real sensors are
         self._scales = tuple(1.0 / read[f"sensors.{name}_sensitivity"].si for name in _CHANNELS)
-        # of the plug-ins' parameters only offsets of sensors whose uncertainty is stated, as in a calibration of `identify`
+        # of the plug-ins' parameters, only sensor offsets with a stated uncertainty, as in a calibration of `identify`
         self.parameters = ParameterSet(
             {
                 n: p
@@ -110,11 +110,11 @@ class WetClutch:
             }
         )
         self.candidates = self._offer_candidates()
-        # of one point all runs are simulated, one after the other; to make its rig takes a quarter as long as to simulate one
+        # all runs of a point are simulated in sequence; to build its rig takes a quarter of the time of a simulation
         self._rig = lru_cache(_RIGS)(self._make_rig)
 
     def _offer_candidates(self) -> tuple[Candidate, ...]:
-        """Effects of the catalogue that are off."""
+        """Return the effects of the catalogue that are off."""
         plug_ins = catalogue()
         on = {name for name in plug_ins if any(self._whole[n].value != off for n, off in plug_ins[name].switches)}
         offered = [e for n, e in plug_ins.items() if e.candidate and n not in on]
@@ -124,7 +124,7 @@ class WetClutch:
 
     @staticmethod
     def list_nominal_parameters() -> ParameterSet:
-        """Parameters of docs/rig.md with every effect off."""
+        """Return the parameters of docs/rig.md with every effect off."""
         return wet_clutch.load_nominal()
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
@@ -137,7 +137,7 @@ class WetClutch:
         return {column: predicted[column] for column in self.blocks[block]}
 
     def estimate_timing(self, run: Columns) -> float:
-        """See `Timed`: what a logger's rows leave open."""
+        """See `Timed`: the timing uncertainty of a logger's rows."""
         return estimate_timing(run)
 
     def locate(
@@ -152,7 +152,7 @@ class WetClutch:
         return locate(compute_friction, number, run, shown, residuals, floors, self.parameters, parameters)
 
     def list_limits(self) -> dict[str, Limits]:
-        """See `Ranged`: ends of the converters or of what the rig can do, where that is more; and of what the oil can be."""
+        """See `Ranged`: the larger of converter ends and limits of the rig; for the oil, its possible temperatures."""
         one = {name: p.value for name, p in self._whole.items()}
         ends = {name: one["sensors.input_range"] / one[f"sensors.{name}_sensitivity"] for name in _CHANNELS}
         motor = _MOTOR_GAIN * one["motor.torque_limit"]
@@ -169,7 +169,7 @@ class WetClutch:
         }
 
     def from_others(self, run: Columns) -> dict[str, tuple[str, np.ndarray]]:
-        """See `Redundant`: the shaft's angle is the integral of the slip, as the other shaft stands."""
+        """See `Redundant`: the shaft's angle is the integral of the slip, because the other shaft stands still."""
         return {"shaft_angle_rad": ("slip_speed_rad_s", integrate_slip(run, run["shaft_angle_rad"][0]))}
 
     def complete_run(self, run: Columns) -> Columns:
@@ -201,7 +201,7 @@ class WetClutch:
         intervals: dict[str, tuple[float, float, float]] = {}
         rounding, reasons = {}, []
         for column, group, parameter in _CONVERTED:
-            volt = self._whole[f"sensors.{group}_sensitivity"].value  # a unit of the column
+            volt = self._whole[f"sensors.{group}_sensitivity"].value  # in the unit of the column
             seen = np.array([find_lattice(run[column] * volt) for run in runs])
             levels = 2.0 ** self._whole[f"sensors.{group}_bits"].value
             lost = np.log2(np.maximum(seen[:, 0], 1e-12) * levels / full)
@@ -229,7 +229,7 @@ class WetClutch:
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
             inputs += [pressure, gaussian_filter1d(columns["slip_speed_rad_s"], width)]
         else:
-            inputs += inputs  # not looked at
+            inputs += inputs  # not used
         logged, step = find_logged_rows(columns, period), period
         commanded = limit
         if logged:
@@ -241,7 +241,7 @@ class WetClutch:
             start.y, start.effects, voltage, speed, commanded, rig.record, rig.table.kernel, step,
             count_substeps(rig, rate, step, self._step), bool(driven), pressure, slip, self._scales, shown,
         )  # fmt: skip
-        shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / step  # as an encoder gives it: with the effects on its angle
+        shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / step  # as from an encoder: with the effects on its angle
         if logged:
             slip = logged.take_slip(shown[:, SLIP], 0.5 * step)  # a mean over a step
             shown = logged.take(shown).copy()
@@ -250,14 +250,14 @@ class WetClutch:
         return begin_as_measured(predicted, columns, period, limit)
 
     def _make_rig(self, values: tuple[tuple[str, float], ...]) -> tuple[wet_clutch.Rig, float]:
-        """The rig of a point, and its fastest rate [1/s]."""
+        """Return the rig of a point, and its fastest rate [1/s]."""
         whole = self._whole.with_values(dict(values))
         own = wet_clutch.list_values(whole)
         return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, sum_added_rates(whole, own))
 
 
 def _read_limit(columns: Columns, most: float) -> np.ndarray:
-    """Limit (n,) of the motor's torque [Nm]: as commanded where a run has it, as of a locked clutch; at most the motor's."""
+    """Return the motor's torque limit (n,) [Nm]: as commanded, if in the run, else as for a locked clutch; at most `most`."""
     commanded = columns.get(_LIMIT)
     if commanded is None:
         return np.full(len(columns["time_s"]), most)
@@ -265,7 +265,7 @@ def _read_limit(columns: Columns, most: float) -> np.ndarray:
 
 
 def count_substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> int:
-    """Integration steps of a sample: see Integration."""
+    """Return the number of integration steps per sample: see Integration."""
     on = (catalogue()[name] for name in rig.table.names)
     if any(DRIVE in effect.laws and effect.states for effect in on):
         step = min(step, _FINE)

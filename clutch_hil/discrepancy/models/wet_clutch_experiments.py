@@ -1,7 +1,7 @@
-"""Experiments of the wet-clutch rig: profiles that its bench can play, what their inputs would be, and whether they are safe.
+"""Experiments of the wet-clutch rig: profiles that its bench can play, their predicted inputs, and whether they are safe.
 
-The standard set excites every candidate within two minutes of rig time (test_experiment_design.py holds that);
-from the library the one is chosen that separates what the standard set cannot.
+The standard set excites every candidate within two minutes of rig time (checked by test_experiment_design.py). From the
+library, the experiment is chosen that separates what the standard set cannot.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ LIBRARY: tuple[Experiment, ...] = (*STANDARD.values(), *HELD_OUT.values(), *_FUR
 
 
 def find(name: str, sets: Sequence[str] = ()) -> Experiment:
-    """An experiment by its name, or the first one of a profile. Raises InputError, which also tells names of `sets`."""
+    """Return an experiment by its name, or the first one of a profile. Raises InputError, which also lists names of `sets`."""
     for experiment in LIBRARY:
         if name in (experiment.name, experiment.profile):
             return experiment
@@ -63,11 +63,11 @@ def find(name: str, sets: Sequence[str] = ()) -> Experiment:
 FLOORS: Mapping[str, float] = {
     column: resolution for column, (_, _, resolution) in QUANTITIES.items()
 }  # noise and rounding
-_MARGIN = 0.95  # of each of the guard's limits and of the motor's torque that a prediction may reach
+_MARGIN = 0.95  # share of each of the guard's limits and of the motor's torque that a prediction may reach
 
 
 class WetClutchBench:
-    """What the bench of a rig with `parameters`, nominal ones if None, can do; see `experiment.Bench`.
+    """The bench of a rig with `parameters`, nominal ones if None; see `experiment.Bench`.
 
     controller: changed parameters of its controller, by dotted name.
     """
@@ -86,7 +86,7 @@ class WetClutchBench:
         whole = self._whole.with_values({**parameters, **effects})
         try:
             profile = experiment.load()
-        except InputError:  # of a clutch that touches so high that the bench does not carry its pressures
+        except InputError:  # a clutch with such a high contact pressure that the bench cannot supply its pressures
             return None
         rate = experiment.rate
         substeps = int(np.ceil(1.0 / (rate * wet_clutch.STEP_LIMIT) - 1e-9))

@@ -1,19 +1,20 @@
-"""Sources of the wet clutch: which block an error is of, by what channels have in common (sources.py).
+"""Sources of the wet clutch: attribute an error to a block by what the channels have in common (sources.py).
 
-Equation        r: measured less simulated, in means over 4 ms. The torque that is missing is seen three times:
-                x_1 = friction block behind the measured pressure, less behind the simulated one    (pressure sensor)
+Equation        r: measured minus simulated, in means over 4 ms. A missing torque is visible three times:
+                x_1 = friction block driven by the measured pressure, minus driven by the simulated one    (pressure sensor)
                 x_2 = r of the clutch torque                                                        (torque sensor)
                 x_3 = r of the motor torque - J d/dt r of the slip                                  (drive: docs/rig.md, 8)
-                a fault of valve, hydraulics stands in all three; of piston, friction in x_2, x_3; of a sensor in its own alone
+                a fault of valve or hydraulics is in all three; of piston or friction in x_2, x_3; of a sensor in its own only
                   hydraulics H = (<x_1 x_2> + <x_1 x_3>)/2     friction F = <x_2 x_3> - H
                   torque sensor S = <x_2 x_2'> - <x_2 x_3>
                   pressure sensor P = <x_1 x_1'> - H           drive D = <x_3 x_3'> - <x_2 x_3>, or
                   <d d'>, d = r of M_m + k_p r of omega + k_i integral of it: the motor's own law (docs/rig.md, 8)
-                <x_2 x_2'>, <d d'>: less the noise's own; <x_1 x_1'>, <x_3 x_3'>: 12 ms later, of x_1 less that of noise alone
-                x_2, x_3 differ by no gain that the sensors' data sheets allow
-                temperature: r less what x_2 times slip heats (docs/rig.md, 7)
-Assumptions     noises of two sensors independent; friction block nearly linear in what the pressure is off by
-Not modelled    a fault that is in one channel of a shared converter is a fault of that sensor here
+                <x_2 x_2'>, <d d'>: minus the power of the noise; <x_1 x_1'>, <x_3 x_3'>: at a lag of 12 ms, of x_1 minus that
+                of noise alone
+                a gain difference between x_2 and x_3 within the sensors' data sheets is removed
+                temperature: r minus the heating by x_2 times slip (docs/rig.md, 7)
+Assumptions     the noises of two sensors are independent; the friction block is nearly linear in the error of the pressure
+Not modelled    a fault in one channel of a shared converter is attributed to that sensor here
 """
 
 from collections.abc import Callable
@@ -43,23 +44,23 @@ from clutch_hil.discrepancy.sources import (
 from clutch_hil.fitting.model import Columns, RunSource, Values
 from protocols.files.parameters import ParameterSet
 
-LAG = 3  # means: of the auto product of x_1, x_3, whose noise is coloured: a central difference reaches 2 means far
-_WASHOUT = 1.0  # rad/s: what is slower in d is the motor's integrator that was held at its limit
-# bar, s: about touch and parting the friction block is not linear, and no sensor is accused
+LAG = 3  # means: lag of the auto product of x_1, x_3, whose noise is coloured: a central difference spans 2 means
+_WASHOUT = 1.0  # rad/s: slower parts of d come from the motor's integrator, which was held at its limit
+# bar, s: near contact and separation the friction block is not linear, and no error is attributed to a sensor
 _PRESSED, _AROUND = 0.1, 0.4
 _SEED = 6
 
-Friction = Callable[[Columns], Columns]  # the friction block behind given pressure and slip: outputs (n,) by column
+Friction = Callable[[Columns], Columns]  # the friction block driven by given pressure and slip: outputs (n,) by column
 
 
 def locate(
     friction: Friction, number: int, run: Columns, shown: Columns, r: Columns, floors: Values, parameters: ParameterSet,
     values: Values,
 ) -> list[RunSource]:  # fmt: skip
-    """Sources in the run of this `number`: `shown` is simulated, `r` measured less simulated, both (n,) by column.
+    """Return the sources in the run of this `number`: `shown` is simulated, `r` measured minus simulated, both (n,) by column.
 
-    `friction` simulates the friction block alone, `parameters` are the baseline's with their uncertainties, `values` those
-    that were simulated.
+    `friction` simulates the friction block alone, `parameters` are the baseline's with their uncertainties, `values` the
+    simulated ones.
     """
     torque_of = _compute_friction(friction, run, shown)
     noise = floors[PRESSURE] * np.random.default_rng([_SEED, number]).standard_normal(len(r[PRESSURE]))
@@ -95,7 +96,7 @@ def locate(
     add(HYDRAULICS, TORQUE, x1, lambda lag: nothing, h)
     # in bar^2, by the block's own gain for noise
     slope = float(np.mean(alone**2)) / max(float(np.mean(average(noise, run) ** 2)), 1e-300)
-    # plates that never touch turn no pressure into torque: then x_1 says nothing of the pressure sensor
+    # plates that never touch convert no pressure into torque: x_1 then gives no information on the pressure sensor
     gain = 1.0 / slope if slope > 0.0 else 0.0
     well = minimum_filter1d(shown[PRESSURE] > values["piston.contact_pressure"] + _PRESSED, round(_AROUND / period))
     well = gain * average(well.astype(float), run)
@@ -110,7 +111,7 @@ def locate(
 
 
 def _compute_friction(friction: Friction, run: Columns, shown: Columns) -> Callable[[np.ndarray], np.ndarray]:
-    """What the friction block makes of a pressure that is off [bar] (n,): torque [Nm] (n,)."""
+    """Return a function from a pressure error [bar] (n,) to the torque error [Nm] (n,) of the friction block."""
 
     def compute_torque(off: np.ndarray) -> np.ndarray:
         behind = {**run, **shown, PRESSURE: shown[PRESSURE] + off}
@@ -121,33 +122,35 @@ def _compute_friction(friction: Friction, run: Columns, shown: Columns) -> Calla
 
 
 def _compute_heating(power: np.ndarray, values: Values, period: float) -> np.ndarray:
-    """What friction power [W] that is missing warms the oil by [K]: docs/rig.md, 7, exact for a power held over a sample."""
+    """Return the heating [K] of the oil by missing friction power [W]: docs/rig.md, 7, exact for constant power in a sample."""
     capacity, transfer = values["oil.heat_capacity"], values["oil.heat_transfer"]
     decay = np.exp(-transfer / capacity * period)
     return np.asarray(lfilter([0.0, (1.0 - decay) / transfer], [1.0, -decay], power))
 
 
 def _remove_slow_part(values: np.ndarray, period: float) -> np.ndarray:
-    """Without what is slower than _WASHOUT."""
+    """Remove the part that is slower than _WASHOUT."""
     pole = np.exp(-_WASHOUT * period)
     return np.asarray(lfilter([1.0, -1.0], [1.0, -pole], values - values[0]))
 
 
 def _list_gains(parameters: ParameterSet) -> float:
-    """How far the gains of the two torque sensors may differ by their data sheets (1 sigma)."""
+    """Return the possible gain difference of the two torque sensors by their data sheets (1 sigma)."""
     sheets = [parameters[f"sensors.{name}_sensitivity"] for name in ("clutch_torque", "motor_torque")]
     return float(np.sqrt(sum((p.uncertainty / p.value) ** 2 for p in sheets)))
 
 
 def _make_alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
-    """`x3` as if its sensor's gain differed from that of `x2` by no more than is left beyond `most`."""
-    swing = torque - torque.mean()  # an offset is no gain
+    """Return `x3` without its gain difference to `x2`, as far as this is at most `most`."""
+    swing = torque - torque.mean()  # an offset is not a gain
     differ = np.clip((x2 - x3) @ swing / max(float(swing @ swing), 1e-12), -most, most)
     return x3 + differ * torque
 
 
 def _align_in_time(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
-    """`residual` of the slip as if it had been simulated 0 to `most` [s] late, `slope` [1/s] simulated: an encoder's speed is
-    half a sample old."""
+    """Correct `residual` of the slip for a simulation delay of 0 to `most` [s]; `slope` is that of the simulated slip.
+
+    The speed from an encoder is half a sample old.
+    """
     late = np.clip(-(residual @ slope) / max(float(slope @ slope), 1e-12), 0.0, most)
     return residual + late * slope

@@ -1,4 +1,4 @@
-"""Where the fit of an effect begins on the wet-clutch rig, read from a run and its residuals as the effect's `start` asks."""
+"""Starts of the fit of an effect on the wet-clutch rig, read from a run and its residuals as the effect's `start` specifies."""
 
 from collections.abc import Collection
 
@@ -10,13 +10,13 @@ from plant_sim.effects.start import ChannelEnds, Start, StrongestOrder
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet
 
-_ORDERS = np.arange(0.5, 60.01, 0.05)  # periods a turn that are tried
+_ORDERS = np.arange(0.5, 60.01, 0.05)  # periods per turn that are tried
 _TURNING = 1.0  # rad/s: a slower shaft shows no order
-_LOADED = 0.1  # share of the greatest load: below it a ripple in proportion to the load does not show
-_ENOUGH = 1000  # samples at which the shaft turns under load
+_LOADED = 0.1  # share of the greatest load: below it a ripple proportional to the load is not visible
+_ENOUGH = 1000  # samples in which the shaft turns under load
 _HIGHEST = 400.0  # Hz: the fastest ripple that a run at 1 kHz can show
-_SATURATED = 0.999  # quantile of a channel's magnitude that stands for its end: single samples may lie beyond it
-_SENSITIVITIES = {  # V a unit of the column, by the column of a converted channel
+_SATURATED = 0.999  # quantile of a channel's magnitude that represents its end: single samples may lie beyond it
+_SENSITIVITIES = {  # V per unit of the column, by the column of a converted channel
     "cylinder_pressure_bar": "sensors.pressure_sensitivity",
     "motor_torque_nm": "sensors.motor_torque_sensitivity",
     "clutch_torque_nm": "sensors.clutch_torque_sensitivity",
@@ -26,7 +26,7 @@ Values = dict[str, float]  # of a candidate's parameters, by dotted name, each i
 
 
 def check_start(effect: Effect, outputs: Collection[str]) -> None:
-    """Raise InputError if the start of `effect` reads a column that this rig does not have; `outputs`: those it measures."""
+    """Raise InputError if the start of `effect` reads a column that this rig lacks; `outputs`: the measured columns."""
     columns = _SENSITIVITIES if isinstance(effect.start, ChannelEnds) else outputs
     for column in effect.start.columns:
         if column not in columns:
@@ -39,9 +39,9 @@ def check_start(effect: Effect, outputs: Collection[str]) -> None:
 def suggest_values(
     start: Start, candidate: Candidate, run: Columns, residuals: Columns, parameters: ParameterSet
 ) -> list[Values]:
-    """Values to begin the fit of `candidate` from; [] for the typical ones.
+    """Return initial values for the fit of `candidate`; [] for the typical ones.
 
-    run: measured columns (n,); residuals: measured less predicted (n,), by column, in its unit; parameters: of the baseline.
+    run: measured columns (n,); residuals: measured minus predicted (n,), by column, in its unit; parameters: of the baseline.
     """
     match start:
         case StrongestOrder():
@@ -55,9 +55,9 @@ def suggest_values(
 def _find_strongest_order(
     start: StrongestOrder, candidate: Candidate, run: Columns, residuals: Columns
 ) -> list[Values]:
-    """The order with the largest amplitude in the residual over the shaft's angle; [] for a shaft that hardly turns.
+    """Return the order with the largest amplitude in the residual over the shaft's angle; [] for a shaft that hardly turns.
 
-    Equation        line(k) = 2 sum(b r exp(-i k theta))/sum(b^2),  r the residual, b what the ripple is a share of, else 1
+    Equation        line(k) = 2 sum(b r exp(-i k theta))/sum(b^2),  r the residual, b the reference of a relative ripple, else 1
     """
     angle, speed, residual = run["shaft_angle_rad"], run["slip_speed_rad_s"], residuals[start.column]
     base = run[start.share_of] if start.share_of else np.ones_like(residual)
@@ -66,10 +66,10 @@ def _find_strongest_order(
         return []
     angle, residual, base, speed = (values[used][::2] for values in (angle, residual, base, speed))
     fastest = float(np.quantile(np.abs(speed), 0.9))
-    # the slow part of a residual has all low orders: take it away
+    # the slow part of a residual contains all low orders: remove it
     residual = residual - np.convolve(residual, np.ones(201) / 201, mode="same")
     orders = _ORDERS[_ORDERS * fastest / (2.0 * np.pi) < _HIGHEST]
-    # one complex product a sample and order in place of an exponential
+    # one complex product per sample and order instead of an exponential
     wave, step = residual * base * np.exp(-1j * orders[0] * angle), np.exp(-1j * (orders[1] - orders[0]) * angle)
     lines = np.empty(len(orders), complex)
     for i in range(len(orders)):
@@ -89,7 +89,7 @@ def _find_strongest_order(
 def _suggest_channel_ends(
     start: ChannelEnds, candidate: Candidate, run: Columns, parameters: ParameterSet
 ) -> list[Values]:
-    """A start for each limit: at the highest voltage of its channel, the other limits off."""
+    """Return a start for each limit: at the highest voltage of its channel, with the other limits off."""
     off = candidate.list_off_values()
     volts = {name: run[column] * parameters[_SENSITIVITIES[column]].value for name, column in start.limits.items()}
     return [

@@ -22,13 +22,13 @@ from protocols.files.output_file import whole_file
 JSON, PAGE, ATLAS, GAP, EVIDENCE, MODEL = (
     "report.json", "report.html", "atlas.png", "gap.png", "evidence.rrd", "model.toml",
 )  # fmt: skip
-REPORT_FILES = (JSON, PAGE, ATLAS, GAP, EVIDENCE)  # that `write_report` writes
+REPORT_FILES = (JSON, PAGE, ATLAS, GAP, EVIDENCE)  # the files that `write_report` writes
 
 
 def write_report(result: Result, folder: Path, regimes: Regimes | None = None, command: str = "") -> list[Path]:
-    """Write the report into `folder`, in place of an older one; return the paths of its files.
+    """Write the report to `folder`, replacing an older one; return the paths of its files.
 
-    regimes: gives samples (n,) by regime from the columns of a run, to mark them in pictures. command: the command line that
+    regimes: returns samples (n,) by regime from the columns of a run, to mark them in pictures. command: the command line that
     made the result. Raises InputError naming a file that cannot be written.
     """
     residuals = Residuals(result, regimes)
@@ -49,7 +49,7 @@ def write_report(result: Result, folder: Path, regimes: Regimes | None = None, c
 
 
 def _convert_values(thing: Any) -> Any:
-    """`thing` as JSON takes it: numbers of numpy as plain ones, null for infinities and not-a-number."""
+    """Return `thing` for JSON: NumPy numbers as Python numbers, null for infinities and not-a-number."""
     if isinstance(thing, dict):
         return {str(key): _convert_values(value) for key, value in thing.items()}
     if isinstance(thing, list | tuple):

@@ -5,12 +5,12 @@ from clutch_hil.discrepancy.result import Estimate
 from clutch_hil.page.markup import Html, fold, make_element, make_figure, make_interval_cells, make_table, make_value
 from clutch_hil.page.wording import format_number, format_unit, list_words
 
-_FAR_SHIFT = 2.0  # multiples of the uncertainty: such a parameter is pointed out
+_FAR_SHIFT = 2.0  # multiples of the uncertainty: such a parameter is highlighted
 _MOST_DRAWN = 10  # parameters in the picture and in the open table
 
 
 def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents of the section."""
+    """Return heading and contents of the section."""
     heading = "Re-fitted parameters of the baseline"
     estimates = pictures.result.baseline
     if not estimates:

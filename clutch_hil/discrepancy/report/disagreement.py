@@ -10,7 +10,7 @@ _OPEN_ROWS = 8  # claims in the open table
 
 
 def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents of the section."""
+    """Return heading and contents of the section."""
     parts = [_introduce(pictures)]
     model = "the model before" if pictures.residuals.has_changed else "the model"
     for column in pictures.examined_outputs:

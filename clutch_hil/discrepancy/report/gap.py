@@ -15,7 +15,7 @@ _NUMERIC = {True: "nnnn ", False: "nn "}
 
 
 def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents of the section."""
+    """Return heading and contents of the section."""
     result, units, changed = pictures.result, pictures.result.units, pictures.residuals.has_changed
     title = (
         "The gap before and after, on runs that were not fitted"
@@ -59,7 +59,7 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
 
 
 def _explain_numbers(result: Result, changed: bool) -> str:
-    """The paragraph that explains the numbers."""
+    """Return the paragraph that explains the numbers."""
     how = f"{_HOW.get(result.held_out, result.held_out)} The floor is the noise of the measurement, found in the runs."
     if not changed:
         return f"{how} Nothing was added to the model."

@@ -23,7 +23,7 @@ _SECTIONS = (disagreement, missing_physics, gap, baseline, remaining_residual, p
 
 
 def compose_page(pictures: Pictures, files: list[str], command: str) -> str:
-    """The HTML text; files: names of the files beside it. command: the command line that made the result."""
+    """Return the HTML text. files: names of the other report files. command: the command line that made the result."""
     title = f"Discrepancy report: {pictures.result.rig.replace('_', ' ')}"
     sections = [section.make_section(pictures) for section in _SECTIONS]
     sections.append(provenance.make_section(pictures, files, command))
@@ -52,7 +52,7 @@ def _split(result: Result) -> str:
 
 
 def _make_facts(pictures: Pictures) -> Html:
-    """The numbers that support the verdict."""
+    """Return the numbers that support the verdict."""
     result, facts = pictures.result, []
     claim = max(result.where, key=lambda claim: claim.times_floor, default=None)
     if claim is not None:

@@ -32,7 +32,7 @@ _TITLES = {
 
 
 def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents of the section."""
+    """Return heading and contents of the section."""
     result = pictures.result
     heading = _TITLES.get(result.verdict, _TITLES[NAMED])
     parts = _describe_effects(result)
@@ -54,7 +54,7 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
 
 
 def _describe_effects(result: Result) -> list[Html]:
-    """Equation and values of each effect that is named or is an alternative."""
+    """Return equation and values of each effect that is named or is an alternative."""
     parts: list[Html] = []
     names = result.effects
     if result.verdict == ONE_OF:
@@ -135,7 +135,7 @@ def _describe_surrogate(result: Result) -> list[Html]:
 
 
 def _describe_rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
-    """Picture and table of the candidates of a search."""
+    """Return picture and table of the candidates of a search."""
     result = pictures.result
     same = set(list_indistinguishable_effects(result))
     order = sorted(

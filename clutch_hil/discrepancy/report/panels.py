@@ -17,7 +17,7 @@ from clutch_hil.page.wording import format_axis_label, format_column, format_num
 
 MEASURED, BEFORE, AFTER, FLOOR = "#1c1c1c", "#c8402f", "#1f6fb4", "#b9bec6"
 _REGIME, _WINDOW, _OTHER, _ALIKE = "#fbe9b7", "#dfe8f2", "#c4c8ce", "#8fb8de"
-_BAND = 2.0  # multiples of the floor that 95 % of a white residual stay within
+_BAND = 2.0  # multiples of the floor that contain 95 % of a white residual
 _LABEL = 30  # letters of a name beside an axis
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 _FAINTEST = 0.3  # floors: smaller values have the same colour in the heat map
@@ -26,7 +26,7 @@ _CUT_SHARE = -0.5  # share of gap below which a bar is cut
 
 
 def draw_overview(axes: Axes, residuals: Residuals, stretch: Stretch) -> None:
-    """The whole run, measured and before, with the stretch that is shown enlarged."""
+    """Draw the whole run, measured and before, with the enlarged stretch marked."""
     trace, column = stretch.trace, stretch.column
     time = list_times(trace)
     axes.axvspan(time[stretch.begin], time[stretch.end - 1], color=_WINDOW, lw=0)
@@ -37,7 +37,7 @@ def draw_overview(axes: Axes, residuals: Residuals, stretch: Stretch) -> None:
 
 
 def draw_residual_overview(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool = False) -> None:
-    """The residual of the whole run with the band of the floor."""
+    """Draw the residual of the whole run with the band of the floor."""
     trace, column = stretch.trace, stretch.column
     _draw_band(axes, residuals.result, column)
     for when, colour in _list_versions(after):
@@ -49,13 +49,13 @@ def draw_residual_overview(axes: Axes, residuals: Residuals, stretch: Stretch, a
 
 
 def draw_signals(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) -> None:
-    """Measured and modelled in the stretch."""
+    """Draw measured and model output in the stretch."""
     trace, column = stretch.trace, stretch.column
     part = slice(stretch.begin, stretch.end)
     time = list_times(trace)[part]
     _mark_regime(axes, stretch, stretch.begin, stretch.end)
     for when, colour in _list_versions(after):
-        width = 2.6 if when == "after" else 1.5  # shows on both sides of what was measured
+        width = 2.6 if when == "after" else 1.5  # visible on both sides of the measured line
         axes.plot(time, getattr(trace, when)[column][part], color=colour, lw=width, label=_name_model(residuals, when))
     axes.plot(time, trace.measured[column][part], color=MEASURED, lw=0.8, label="measured")
     axes.set_ylabel(format_axis_label(column, residuals.result.units.get(column)))
@@ -64,7 +64,7 @@ def draw_signals(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool
 
 
 def draw_residual(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) -> None:
-    """Measured less modelled in the stretch, with the band of the floor."""
+    """Draw measured minus model output in the stretch, with the band of the floor."""
     trace, column = stretch.trace, stretch.column
     part = slice(stretch.begin, stretch.end)
     _mark_regime(axes, stretch, stretch.begin, stretch.end)
@@ -77,7 +77,7 @@ def draw_residual(axes: Axes, residuals: Residuals, stretch: Stretch, after: boo
 
 
 def draw_heat_map(axes: Axes, result: Result) -> None:
-    """Size of the disagreement beyond noise by output and regime, in multiples of the floor; a dot marks a claim."""
+    """Draw the size of the disagreement above noise by output and regime, in multiples of the floor; a dot marks a claim."""
     claims = {(claim.output, claim.regime): claim for claim in result.where}
     outputs = list(dict.fromkeys([*result.floors, *result.gap_by_regime, *(claim.output for claim in result.where)]))
     of_gaps = [regime for gaps in result.gap_by_regime.values() for regime in gaps]
@@ -116,14 +116,14 @@ def draw_heat_map(axes: Axes, result: Result) -> None:
 
 
 def draw_loop(axes: Axes, residuals: Residuals, stretch: Stretch, over: str, after: bool) -> None:
-    """The output over `over` in the stretch."""
+    """Draw the output over `over` in the stretch."""
     trace, column = stretch.trace, stretch.column
     part = slice(stretch.begin, stretch.end)
     abscissa = trace.columns[over][part]
     axes.plot(abscissa, trace.measured[column][part], ".", color=MEASURED, ms=1.5, alpha=0.5, label="measured")
     for when, colour in _list_versions(after):
         model = getattr(trace, when)
-        abscissa = model.get(over, trace.columns[over])[part]  # modelled as well where the model predicts it
+        abscissa = model.get(over, trace.columns[over])[part]  # the prediction, where the model predicts this column
         axes.plot(abscissa, model[column][part], color=colour, lw=1.0, label=_name_model(residuals, when))
     axes.set_xlabel(format_axis_label(over, residuals.result.units.get(over)))
     axes.set_ylabel(format_axis_label(column, residuals.result.units.get(column)))
@@ -131,7 +131,7 @@ def draw_loop(axes: Axes, residuals: Residuals, stretch: Stretch, over: str, aft
 
 
 def draw_residual_map(axes: Axes, residuals: Residuals, column: str, over: str, after: bool = False) -> None:
-    """Mean residual over a variable while it rises and while it falls, all runs together."""
+    """Draw the mean residual over a variable while it rises and while it falls, for all runs together."""
     _draw_band(axes, residuals.result, column, 1.0)
     for when, colour in _list_versions(after):
         means = residuals.compute_map(column, over, when)
@@ -145,7 +145,7 @@ def draw_residual_map(axes: Axes, residuals: Residuals, column: str, over: str, 
 
 
 def draw_order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> bool:
-    """Amplitude of the residual by periods a turn of the shaft; False where no run turns enough."""
+    """Draw the amplitude of the residual by periods per turn of the shaft; return False where no run turns enough."""
     drawn = False
     for when, colour in _list_versions(after):
         amplitudes = residuals.compute_orders(column, when)
@@ -167,7 +167,7 @@ def draw_order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bo
 
 
 def draw_gap_bars(axes: Axes, result: Result, changed: bool) -> None:
-    """Error on runs that were not fitted by output, before and after, in multiples of the floor."""
+    """Draw the error on held-out runs by output, before and after, in multiples of the floor."""
     rows = [
         (_shorten(format_column(c, result.units.get(c))), gap, result.units.get(c, "")) for c, gap in result.gap.items()
     ]
@@ -175,7 +175,7 @@ def draw_gap_bars(axes: Axes, result: Result, changed: bool) -> None:
 
 
 def draw_gap_by_regime(axes: Axes, result: Result, column: str, changed: bool) -> None:
-    """Error on held-out runs of one output by regime, before and after, in multiples of the floor."""
+    """Draw the error on held-out runs of one output by regime, before and after, in multiples of the floor."""
     unit = result.units.get(column, "")
     gaps = sorted(result.gap_by_regime.get(column, {}).items(), key=lambda item: -item[1].before)[:REGIMES]
     rows = [(_shorten(format_regime(regime)), gap, unit) for regime, gap in gaps]
@@ -184,7 +184,7 @@ def draw_gap_by_regime(axes: Axes, result: Result, column: str, changed: bool) -
 
 
 def draw_rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -> None:
-    """Share of the gap that each candidate closes; the chosen one is blue, those it cannot be told from are light blue."""
+    """Draw the share of the gap that each candidate closes; the chosen one is blue, indistinguishable ones are light blue."""
     place = np.arange(len(rivals))
     for y, rival in zip(place, rivals, strict=True):
         closed = rival.closed if np.isfinite(rival.closed) else 0.0
@@ -203,7 +203,7 @@ def draw_rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -
 
 
 def draw_baseline_shifts(axes: Axes, baseline: Sequence[Estimate]) -> None:
-    """Re-fitted parameters in multiples of the uncertainty they are known to, with their 95 % intervals."""
+    """Draw re-fitted parameters in multiples of their stated uncertainty, with their 95 % intervals."""
     place = np.arange(len(baseline))
     axes.axvspan(-2.0, 2.0, color="#eef1f5", lw=0)
     axes.axvspan(-1.0, 1.0, color="#dde3ea", lw=0)
@@ -223,7 +223,7 @@ def draw_baseline_shifts(axes: Axes, baseline: Sequence[Estimate]) -> None:
 
 
 def draw_autocorrelation(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
-    """Autocorrelation of the residual, with the band of white noise."""
+    """Draw the autocorrelation of the residual, with the band of white noise."""
     for when, colour in _list_versions(after):
         lags, values, band = residuals.compute_autocorrelation(column, when)
         axes.plot(lags, values, color=colour, lw=1.1)
@@ -234,7 +234,7 @@ def draw_autocorrelation(axes: Axes, residuals: Residuals, column: str, after: b
 
 
 def draw_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
-    """Amplitude density of the residual, and of a white one as large as the floor."""
+    """Draw the amplitude density of the residual, and of a white residual as large as the floor."""
     for when, colour in _list_versions(after):
         frequency, density = residuals.compute_spectrum(column, when)
         axes.plot(frequency, density, color=colour, lw=0.9)
@@ -255,14 +255,14 @@ def draw_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) ->
 
 
 def draw_course(axes: Axes, time: Sequence[float], values: Sequence[float], name: str) -> None:
-    """A column of the proposed experiment over time."""
+    """Draw a column of the proposed experiment over time."""
     axes.plot(time, values, color=AFTER, lw=1.3)
     axes.set_ylabel(format_axis_label(name))
     axes.margins(x=0.0, y=0.1)
 
 
 def _name_model(residuals: Residuals, when: str) -> str:
-    """Name of a line of the model; where nothing was added there is only one model."""
+    """Return the name of a line of the model; where nothing was added there is only one model."""
     return f"model {when}" if residuals.has_changed else "model"
 
 
@@ -309,7 +309,7 @@ def _draw_dumbbells(axes: Axes, rows: Sequence[tuple[str, Gap, str]], changed: b
 
 
 def _set_plain_ticks(axis: Any, ticks: Sequence[float], low: float, high: float) -> None:
-    """Ticks of a logarithmic axis as plain numbers."""
+    """Label the ticks of a logarithmic axis with plain numbers."""
     axis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
     axis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value, 1)))
     axis.set_minor_locator(NullLocator())
@@ -331,7 +331,7 @@ def _mark_regime(axes: Axes, stretch: Stretch, begin: int, end: int) -> None:
 
 
 def _format_tenths(value: float) -> str:
-    """A multiple of the floor as text: with tenths below 10."""
+    """Return a multiple of the floor as text: with tenths below 10."""
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 

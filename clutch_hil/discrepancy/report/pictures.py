@@ -13,17 +13,17 @@ from clutch_hil.fitting.model import Columns
 from clutch_hil.page.figures import name_file, page_figure, render_png
 from clutch_hil.page.wording import format_column
 
-_MOST_OUTPUTS = 2  # that are drawn one by one
-_MOST_MAPS = 3  # residual maps beside a loop
-_LOOPS = {  # output -> column that it is usually drawn over
+_MOST_OUTPUTS = 2  # outputs that are drawn separately
+_MOST_MAPS = 3  # residual maps next to a loop
+_LOOPS = {  # output -> column over which it is usually drawn
     "clutch_torque_nm": "cylinder_pressure_bar",
     "cylinder_pressure_bar": "valve_voltage_v",
 }
-_POSITIONS = ("position", "displacement")  # prefixes of a column that a force is drawn over
+_POSITIONS = ("position", "displacement")  # prefixes of a column over which a force is drawn
 
 
 class Pictures:
-    """Draws what `residuals` hold. Every method returns a PNG, or None where there is nothing to draw."""
+    """Draw `residuals`. Every method returns a PNG, or None where there is nothing to draw."""
 
     def __init__(self, residuals: Residuals) -> None:
         self.residuals = residuals
@@ -31,11 +31,11 @@ class Pictures:
 
     @property
     def examined_outputs(self) -> list[str]:
-        """Outputs that are drawn one by one."""
+        """Return the outputs that are drawn separately."""
         return self.residuals.outputs_to_examine[:_MOST_OUTPUTS]
 
     def draw_stretch(self, column: str, held_out: bool = False) -> bytes | None:
-        """The run in which an output is off by most, and its worst stretch; with the model after if `held_out`."""
+        """Draw the run with the largest error of an output, and its worst stretch; with the model after if `held_out`."""
         stretch = self.residuals.find_worst(column, held_out)
         if stretch is None:
             return None
@@ -52,7 +52,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_shapes(self) -> bytes | None:
-        """Loop and residual maps of each output that is drawn."""
+        """Draw loop and residual maps of each examined output."""
         columns = [column for column in self.examined_outputs if self.residuals.list_variables(column)]
         if not columns:
             return None
@@ -62,14 +62,14 @@ class Pictures:
             return render_png(figure)
 
     def draw_size_map(self) -> bytes | None:
-        """The heat map by output and regime."""
+        """Draw the heat map by output and regime."""
         outputs = len(self.result.floors)
         with page_figure(1.5 + 0.36 * max(outputs, 2)) as figure:
             panels.draw_heat_map(figure.subplots(), self.result)
             return render_png(figure)
 
     def draw_orders(self) -> bytes | None:
-        """Order spectrum of the output that is off by most; None where no order stands out."""
+        """Draw the order spectrum of the output with the largest error; None where no order stands out."""
         column = self._choose_order_output()
         if column is None or not self.residuals.has_order(column):
             return None
@@ -78,7 +78,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_rivals(self, rivals: Sequence[Rival], alike: Sequence[str]) -> bytes | None:
-        """Share of the gap that each candidate closes."""
+        """Draw the share of the gap that each candidate closes."""
         if not rivals:
             return None
         with page_figure(0.9 + 0.27 * len(rivals)) as figure:
@@ -86,7 +86,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_gap(self) -> bytes | None:
-        """Before and after by output: `gap.png`."""
+        """Draw before and after by output: `gap.png`."""
         if not self.result.gap:
             return None
         with page_figure(1.3 + 0.42 * len(self.result.gap)) as figure:
@@ -96,7 +96,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_gap_by_regime(self) -> bytes | None:
-        """Before and after by regime, of the outputs that are drawn."""
+        """Draw before and after by regime, for the examined outputs."""
         columns = [column for column in self.examined_outputs if self.result.gap_by_regime.get(column)]
         if not columns:
             return None
@@ -111,7 +111,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_baseline(self, known: Sequence[Estimate]) -> bytes | None:
-        """Shifts of re-fitted parameters whose uncertainty is known."""
+        """Draw shifts of re-fitted parameters whose uncertainty is known."""
         if not known:
             return None
         with page_figure(0.9 + 0.25 * len(known)) as figure:
@@ -119,7 +119,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_remaining_residuals(self) -> bytes | None:
-        """Residual over time, autocorrelation and spectrum of every output."""
+        """Draw residual over time, autocorrelation and spectrum of every output."""
         columns = self.residuals.outputs
         if not columns:
             return None
@@ -146,7 +146,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_course(self, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> bytes:
-        """The proposed experiment."""
+        """Draw the proposed experiment."""
         with page_figure(0.6 + 1.3 * len(columns)) as figure:
             plots = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
             for axes, (name, values) in zip(plots, columns.items(), strict=True):
@@ -155,7 +155,7 @@ class Pictures:
             return render_png(figure)
 
     def draw_atlas(self) -> bytes:
-        """Where they disagree, on one sheet: `atlas.png`."""
+        """Draw all disagreements on one sheet: `atlas.png`."""
         residuals = self.residuals
         outputs = residuals.outputs
         columns = [column for column in self.examined_outputs[:2] if residuals.list_variables(column)]
@@ -202,7 +202,7 @@ class Pictures:
                 axes.set_xlabel("time [s]")
 
     def _draw_shapes(self, figure: Any, column: str, after: bool) -> None:
-        """Loop and maps of an output in a row."""
+        """Draw loop and maps of an output in a row."""
         variables = self.residuals.list_variables(column)
         stretch = self.residuals.find_worst(column)
         unit = self.result.units.get(column)
@@ -221,7 +221,7 @@ class Pictures:
                 axes.set_ylabel("")
 
     def _choose_order_output(self) -> str | None:
-        """The output of an order spectrum: the one that is off by most, where a shaft turns."""
+        """Return the output for an order spectrum: the one with the largest error, where a shaft turns."""
         columns = self.examined_outputs[:1]
         if not columns or not any(ANGLE in trace.columns for trace in self.result.traces):
             return None
@@ -229,7 +229,7 @@ class Pictures:
 
 
 def _choose_loop_variable(column: str, variables: Sequence[str], columns: Columns) -> str:
-    """Column that an output is drawn over: the usual one, a position, or the one that explains most of its residual."""
+    """Return the column over which an output is drawn: the usual one, a position, or the one that explains most residual."""
     if _LOOPS.get(column) in columns:
         return _LOOPS[column]
     positions = [name for name in columns if name != column and name.startswith(_POSITIONS)]

@@ -9,11 +9,11 @@ from clutch_hil.discrepancy.report.wording import has_proposal
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING
 from clutch_hil.page.markup import Html, describe, is_numbers, join, make_element, make_figure
 
-_LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are told as text, in this order
+_LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are shown as text, in this order
 
 
 def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents of the section."""
+    """Return heading and contents of the section."""
     heading, experiment = "What to measure next", pictures.result.experiment
     if experiment is None:
         text = {
@@ -45,12 +45,12 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
 
 
 def _make_sentence(text: str) -> str:
-    """`text` with a capital at its beginning and a full stop at its end."""
+    """Return `text` with an initial capital and a final full stop."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '!', '?')) else '.'}"
 
 
 def _read_course(part: Any) -> tuple[list[float], dict[str, list[float]]] | None:
-    """Time and columns of a part of an experiment, if it is a time course; else None."""
+    """Return time and columns of a part of an experiment if it is a time course; else None."""
     time = part.get("time_s") if isinstance(part, Mapping) else None
     if not is_numbers(time):
         return None

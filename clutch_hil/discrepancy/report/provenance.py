@@ -13,7 +13,7 @@ _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib", "rerun-sdk")
 
 
 def make_section(pictures: Pictures, files: list[str], command: str) -> tuple[str, list[Html]]:
-    """Heading and contents of the section; files: names of those beside the page. command: the command line."""
+    """Return heading and contents of the section. files: names of the other report files. command: the command line."""
     result = pictures.result
     notes = make_element("ul", join([make_element("li", note) for note in result.notes])) if result.notes else Html("")
     versions = [*(f"{name} {version(name)}" for name in _PACKAGES), f"Python {python_version()}"]

@@ -1,4 +1,4 @@
-"""Remaining residual: the section on the residual of the model after."""
+"""Remaining residual: the section on the residual of the model with the added effects."""
 
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import AT_FLOOR, compute_ratio
@@ -9,7 +9,7 @@ _UNCORRELATED = 0.2  # autocorrelation below which a residual counts as uncorrel
 
 
 def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents of the section."""
+    """Return heading and contents of the section."""
     rows = [
         _make_row(pictures, column)
         for column in pictures.residuals.outputs

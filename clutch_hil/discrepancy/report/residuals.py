@@ -16,16 +16,16 @@ from clutch_hil.fitting.model import Columns
 Regimes = Callable[[Columns], Mapping[str, np.ndarray]]  # columns of a run -> samples (n,) of each regime, by its name
 ANGLE = "shaft_angle_rad"
 _STRETCH = 0.1  # share of a run in the picture of its worst stretch
-_LEAST_SAMPLES = 50  # samples of a stretch, and of a run's part that a mean is taken of
+_LEAST_SAMPLES = 50  # least samples of a stretch, and of a part of a run for a mean
 _BINS = 24  # of a map
-_LEAST_IN_BIN = 20  # samples that a mean of a bin needs
+_LEAST_IN_BIN = 20  # least samples for the mean of a bin
 _TAIL_SHARE = 0.005  # share of samples at either end of an abscissa that a map leaves out
-_FAR_FROM_FLOOR = 2.0  # floors: an output that is off by more is examined without a claim
-_SAME_COLUMN = 0.9  # correlation of columns above which one map does for both
+_FAR_FROM_FLOOR = 2.0  # floors: an output with a larger error is examined without a claim
+_SAME_COLUMN = 0.9  # correlation of columns above which one map represents both
 _PEAK_RATIO = 5.0  # times the level around it: an order that stands out
-_AROUND, _BROAD = 12, 3  # steps of 1/8 of an order: how far the level around one reaches, and how broad a peak is
+_AROUND, _BROAD = 12, 3  # steps of 1/8 of an order: range of the level around an order, and width of a peak
 _MAP_STRIDE = 4  # samples: for a map every fourth is enough
-_SMOOTH = 2e-3  # of a run: standard deviation of the window before the sign of a slope is taken
+_SMOOTH = 2e-3  # of a run: standard deviation of the window applied before the sign of a slope
 _LONGEST_LAG = 1 / 40  # of a run: longest lag of an autocorrelation
 _SEGMENT = 2048  # samples of a spectrum
 _SEGMENT_TURNS = 8  # of a segment of an order spectrum
@@ -35,7 +35,7 @@ _BENCH_PREFIXES = ("truth_", "controller_", "plant_")  # columns of the bench, n
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples `begin` to `end` of a run; regime: that of the claim; inside: samples (n,) of this regime, None if unknown."""
+    """Samples `begin` to `end` of a run. regime: of the claim. inside: samples (n,) of this regime, None if unknown."""
 
     trace: Trace
     column: str
@@ -47,27 +47,27 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Map:
-    """Mean residual over bins of a variable while it rises and while it falls; explained: share of the residual's power."""
+    """Mean residual over bins of a variable while it rises and while it falls. explained: share of the residual's power."""
 
     over: str
     centres: np.ndarray  # (bins,)
-    rising: np.ndarray  # (bins,), not-a-number where samples are few
+    rising: np.ndarray  # (bins,), not-a-number for too few samples
     falling: np.ndarray
     explained: float
 
 
 def list_times(trace: Trace) -> np.ndarray:
-    """Times [s] of a run's samples."""
+    """Return the times [s] of a run's samples."""
     return trace.columns["time_s"]
 
 
 def compute_period(trace: Trace) -> float:
-    """Sample period [s]."""
+    """Return the sample period [s]."""
     return float(np.median(np.diff(list_times(trace))))
 
 
 class Residuals:
-    """Residuals of the traces of a `Result`; regimes: gives samples (n,) by regime from the columns of a run."""
+    """Residuals of the traces of a `Result`. regimes: returns samples (n,) by regime from the columns of a run."""
 
     def __init__(self, result: Result, regimes: Regimes | None = None) -> None:
         self.result = result
@@ -77,19 +77,19 @@ class Residuals:
 
     @cached_property
     def outputs(self) -> list[str]:
-        """Outputs of the traces, the one with the largest error in floors first."""
+        """Return the outputs of the traces, the one with the largest error in floors first."""
         columns = dict.fromkeys(column for trace in self.result.traces for column in trace.measured)
         return sorted(columns, key=lambda column: -self.compute_times_floor(column))
 
     @cached_property
     def disagreeing_outputs(self) -> list[str]:
-        """Outputs with a significant claim, in the order of `outputs`."""
+        """Return the outputs with a significant claim, in the order of `outputs`."""
         claimed = {claim.output for claim in self.result.where if claim.p_value < SIGNIFICANT}
         return [column for column in self.outputs if column in claimed]
 
     @cached_property
     def outputs_to_examine(self) -> list[str]:
-        """Outputs to look at one by one: those that disagree, then others far above their floor; at least one."""
+        """Return the outputs to examine: those that disagree, then others far above their floor; at least one."""
         far = [
             c
             for c in self.outputs
@@ -99,7 +99,7 @@ class Residuals:
 
     @cached_property
     def has_changed(self) -> bool:
-        """Whether something was added to the model, so that after differs from before."""
+        """Return whether something was added to the model, so that after differs from before."""
         if self.result.verdict == NOTHING:
             return False
         return any(
@@ -108,15 +108,15 @@ class Residuals:
 
     @property
     def held_out_traces(self) -> list[Trace]:
-        """Traces of held-out runs; all of them where each was left out in turn."""
+        """Return the traces of held-out runs; all traces where each was left out in turn."""
         return [trace for trace in self.result.traces if trace.held_out] or self.result.traces
 
     def list_held_out_traces(self, column: str) -> list[Trace]:
-        """Held-out traces with an output."""
+        """Return the held-out traces with an output."""
         return [trace for trace in self.held_out_traces if column in trace.measured]
 
     def compute_times_floor(self, column: str) -> float:
-        """Error before in floors: the largest of its claims, else of the gap, else of all traces."""
+        """Return the error before in floors: the largest of its claims, else of the gap, else of all traces."""
         claims = [c.times_floor for c in self.result.where if c.output == column and c.p_value < SIGNIFICANT]
         if claims:
             return max(claims)
@@ -130,24 +130,24 @@ class Residuals:
         )
 
     def list_traces_with(self, column: str) -> list[Trace]:
-        """Traces with an output."""
+        """Return the traces with an output."""
         return [trace for trace in self.result.traces if column in trace.measured and column in trace.before]
 
     def compute_error(self, trace: Trace, column: str, when: str) -> np.ndarray:
-        """Measured less predicted (n,), `when` "before" or "after"."""
+        """Return measured minus predicted (n,); `when`: "before" or "after"."""
         return np.nan_to_num(trace.measured[column] - getattr(trace, when)[column])
 
     def compute_rms(self, trace: Trace, column: str, when: str) -> float:
-        """Root mean square of the residual."""
+        """Return the root mean square of the residual."""
         return float(np.sqrt(np.mean(self.compute_error(trace, column, when) ** 2)))
 
     def claim(self, column: str) -> Claim | None:
-        """The largest significant claim about an output in a regime, else about all samples, else None."""
+        """Return the largest significant claim about an output in a regime, else about all samples, else None."""
         claims = [c for c in self.result.where if c.output == column and c.p_value < SIGNIFICANT]
         return max(claims, key=lambda c: (c.regime != "all", c.times_floor), default=None)
 
     def find_regime_samples(self, trace: Trace, regime: str) -> np.ndarray | None:
-        """Samples (n,) of a run in a regime; None where they are unknown."""
+        """Return the samples (n,) of a run in a regime; None where they are unknown."""
         if self._regimes is None:
             return None
         if trace.name not in self._masks:
@@ -156,13 +156,13 @@ class Residuals:
         return None if mask is None else np.asarray(mask, dtype=bool)
 
     def find_worst_run(self, column: str) -> Trace | None:
-        """The run in which an output is off by most before."""
+        """Return the run with the largest error of an output before."""
         return max(
             self.list_traces_with(column), key=lambda trace: self.compute_rms(trace, column, "before"), default=None
         )
 
     def find_worst(self, column: str, held_out: bool = False) -> Stretch | None:
-        """The stretch of a run in which the residual before is largest, in the regime of the claim if it is known."""
+        """Return the stretch of a run in which the residual before is largest, in the regime of the claim if known."""
         claim = self.claim(column)
         regime = claim.regime if claim and claim.regime != "all" else ""
         best: tuple[float, Stretch] | None = None
@@ -182,15 +182,16 @@ class Residuals:
         return best[1] if best else None
 
     def widen(self, stretch: Stretch) -> Stretch:
-        """A stretch twice as long about the same middle, so that a loop contains both directions."""
+        """Return a stretch twice as long about the same middle, so that a loop contains both directions."""
         more = (stretch.end - stretch.begin) // 2
         return replace(
             stretch, begin=max(0, stretch.begin - more), end=min(len(list_times(stretch.trace)), stretch.end + more)
         )
 
     def list_variables(self, column: str) -> list[str]:
-        """Columns over which a map of an output is drawn, the one that explains most of the residual first; of columns that
-        are alike, such as two torques, the first only.
+        """Return columns for maps of an output, the one that explains most of the residual first.
+
+        Of similar columns, such as two torques, only the first is returned.
         """
         traces = self.list_traces_with(column)
         names = [name for name in (traces[0].columns if traces else ()) if not name.startswith(_BENCH_PREFIXES)]
@@ -207,12 +208,12 @@ class Residuals:
         return kept
 
     def _correlate(self, traces: list[Trace], name: str, other: str) -> float:
-        """Correlation of two columns over all runs."""
+        """Return the correlation of two columns over all runs."""
         x, y = (np.concatenate([trace.columns[n][::_MAP_STRIDE] for trace in traces]) for n in (name, other))
         return float(np.corrcoef(x, y)[0, 1])
 
     def compute_map(self, column: str, over: str, when: str) -> Map:
-        """Mean residual of an output over a column, of all runs."""
+        """Return the mean residual of an output over a column, for all runs."""
         key = column, over, when
         if key not in self._maps:
             self._maps[key] = self._compute_map(*key)
@@ -246,7 +247,7 @@ class Residuals:
         return Map(over, centres, means[0], means[1], explained / power if power > 0.0 else 0.0)
 
     def compute_orders(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Orders [periods a turn] and amplitudes of the residual over the shaft's angle in the worst run that turns enough."""
+        """Return orders [periods per turn] and amplitudes of the residual over the shaft's angle, in the worst turning run."""
         trace = self.find_worst_run(column)
         if trace is None or ANGLE not in trace.columns:
             return None
@@ -262,10 +263,10 @@ class Residuals:
         orders, power = welch(
             residual, fs=a_turn, nperseg=_SEGMENT_TURNS * a_turn, scaling="spectrum", detrend="linear"
         )
-        return orders[2:], np.sqrt(2.0 * power[2:])  # the slow part is no order
+        return orders[2:], np.sqrt(2.0 * power[2:])  # the slow part is not an order
 
     def has_order(self, column: str) -> bool:
-        """Whether an order of the shaft stands out of the residual."""
+        """Return whether an order of the shaft stands out in the residual."""
         spectrum = self.compute_orders(column, "before")
         if spectrum is None:
             return False
@@ -277,7 +278,7 @@ class Residuals:
         return False
 
     def compute_autocorrelation(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray, float]:
-        """Lags [s], autocorrelation of the residual in the judged runs, and the half-width of white noise's 95 % band."""
+        """Return lags [s], autocorrelation of the residual in the judged runs, and half-width of white noise's 95 % band."""
         traces = self.list_held_out_traces(column)
         shortest = min(len(list_times(trace)) for trace in traces)
         lags = max(10, round(_LONGEST_LAG * shortest))
@@ -292,7 +293,7 @@ class Residuals:
         return np.arange(lags) * compute_period(traces[0]), total / scale, 1.96 / np.sqrt(samples)
 
     def compute_spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
+        """Return frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
         powers = []
         traces = self.list_held_out_traces(column)
         length = min(_SEGMENT, *(len(list_times(trace)) // 2 for trace in traces))

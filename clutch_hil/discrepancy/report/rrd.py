@@ -24,9 +24,9 @@ NAMES = ("before", "after", "measured")  # lines of an output, the last on top; 
 _COLOURS = tuple(
     map(palette.make_rgba, (palette.LIMIT, palette.TRUE, palette.MEASURED))
 )  # the page has red, blue, black on white
-_WIDTHS = (1.5, 2.5, 1.0)  # ui points: after shows on both sides of measured
+_WIDTHS = (1.5, 2.5, 1.0)  # ui points: after is visible on both sides of measured
 _VERDICT = "verdict"
-_LINES = len(NAMES) + 2  # of an output, with those of its residual
+_LINES = len(NAMES) + 2  # lines of an output, including those of its residual
 _ROWS = 4  # outputs on a screen
 
 
@@ -84,7 +84,7 @@ def _log_lines(
 
 
 def _make_blueprint(residuals: Residuals) -> rrb.Blueprint:
-    """Layout of the viewer: a tab for each run, the one with the largest disagreement first, and so its outputs."""
+    """Return the layout of the viewer: a tab for each run; runs and outputs with the largest disagreement first."""
     first = residuals.find_worst_run(residuals.outputs[0]) if residuals.outputs else None
     traces = sorted(residuals.result.traces, key=lambda trace: trace is not first)
     tabs = [_run_view(residuals, trace, _make_order_columns(residuals, trace)[:_ROWS], trace.name) for trace in traces]
@@ -142,7 +142,7 @@ def _make_path(trace: Trace, *parts: str) -> str:
 
 
 def _format_verdict(residuals: Residuals) -> str:
-    """The verdict, the largest disagreements and the gap, in Markdown."""
+    """Return the verdict, the largest disagreements and the gap, in Markdown."""
     result = residuals.result
     lines = [f"## {_escape(make_verdict_sentence(result))}", ""]
     for claim in sorted(result.where, key=lambda claim: -claim.times_floor)[:5]:
@@ -159,5 +159,5 @@ def _format_verdict(residuals: Residuals) -> str:
 
 
 def _escape(text: str) -> str:
-    """`text` with the characters escaped that have a meaning in Markdown."""
+    """Return `text` with the special characters of Markdown escaped."""
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>#|!" else letter for letter in text)

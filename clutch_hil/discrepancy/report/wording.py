@@ -5,54 +5,54 @@ import math
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NOTHING, ONE_OF, Gap, Result
 from clutch_hil.page.wording import format_column, format_number, format_percent, format_with_unit, list_words
 
-SIGNIFICANT = 0.05  # of p-values that hold for all claims together
+SIGNIFICANT = 0.05  # level of p-values that are corrected for all claims together
 AT_FLOOR = 1.1  # error over floor that counts as closed: the held-out measure of docs/battery.md
 _MOST_MOVED = 3  # parameters in the verdict: those that moved most
 _SURE = 0.9995  # confidence that would be rounded to 100 %
 
 
 def format_confidence(share: float) -> str:
-    """A confidence in percent."""
+    """Return a confidence in percent."""
     return "more than 99.9 %" if share >= _SURE else format_percent(share, 1 if share > 0.985 else 0)
 
 
 def format_closed(gap: Gap) -> str:
-    """Share of a gap that is closed, in percent; nothing where there was none to close."""
+    """Return the share of a gap that is closed, in percent; empty where there was no gap."""
     return format_percent(gap.closed) if gap.before > AT_FLOOR * gap.floor else "no gap"
 
 
 def format_p_value(p_value: float) -> str:
-    """A p-value."""
+    """Return a p-value as text."""
     return format_number(p_value, 1 if p_value < 0.1 else 2)
 
 
 def compute_excess(gap: Gap) -> float:
-    """Error before beyond the floor, in floors: 0 where noise explains all of it."""
+    """Return the error before in excess of the floor, in floors: 0 where noise explains all of it."""
     return math.sqrt(max(gap.before**2 / gap.floor**2 - 1.0, 0.0)) if gap.floor > 0.0 else math.nan
 
 
 def format_effect(name: str) -> str:
-    """Identifier of an effect, for people."""
+    """Return the identifier of an effect as text for people."""
     return name.replace("_", " ")
 
 
 def format_regime(regime: str) -> str:
-    """A regime, for people."""
+    """Return a regime as text for people."""
     return "all samples" if regime == "all" else regime.replace("=", " = ").replace("_", " ")
 
 
 def compute_ratio(gap: Gap, after: bool = False) -> float:
-    """Error before, or after, over floor."""
+    """Return the error before, or after, divided by the floor."""
     return (gap.after if after else gap.before) / gap.floor if gap.floor > 0.0 else math.inf
 
 
 def count_candidates(result: Result) -> int:
-    """How many candidates were judged."""
+    """Return the number of candidates that were judged."""
     return len({rival.name for rival in result.rivals})
 
 
 def group_alternatives(result: Result) -> list[list[str]]:
-    """Sets of effects of each of which one is missing. Sets of a single effect each are merged into one set."""
+    """Return sets of effects, one of which is missing. Sets of a single effect each are merged into one set."""
     sets = [each for each in result.alternatives if each]
     if all(len(each) == 1 for each in sets):
         return [[name for each in sets for name in each]] if sets else []
@@ -60,17 +60,17 @@ def group_alternatives(result: Result) -> list[list[str]]:
 
 
 def list_indistinguishable_effects(result: Result) -> list[str]:
-    """Effects that cannot be told apart from another."""
+    """Return the effects that cannot be distinguished from another."""
     return [name for each in group_alternatives(result) for name in each] if result.verdict == ONE_OF else []
 
 
 def has_proposal(result: Result) -> bool:
-    """Whether there is an experiment that separates the alternatives; one without a profile says why there is none."""
+    """Return whether there is an experiment that separates the alternatives; one without a profile states why there is none."""
     return result.experiment is not None and result.experiment.get("profile", "") is not None
 
 
 def make_verdict_sentence(result: Result) -> str:
-    """The verdict in one sentence, with its confidence."""
+    """Return the verdict in one sentence, with its confidence."""
     sure = format_confidence(result.confidence)
     column = result.main_output
     unit = result.units.get(column or "", "")
