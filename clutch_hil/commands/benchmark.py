@@ -1,4 +1,4 @@
-"""`clutch-hil benchmark`: says where the benchmarks are. They are not in the installed package."""
+"""`clutch-hil benchmark`: print where the benchmarks are. They are not in the installed package."""
 
 import typer
 

@@ -1,4 +1,4 @@
-"""`clutch-hil convert`: a run file written in another format."""
+"""`clutch-hil convert`: write a run file in another format."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`clutch-hil demand`: asks the controller for a torque, a pressure, a locked clutch, or a profile."""
+"""`clutch-hil demand`: demand a torque, a pressure, a locked clutch, or a profile from the controller."""
 
 import typer
 

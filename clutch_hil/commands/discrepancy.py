@@ -1,4 +1,4 @@
-"""`clutch-hil discrepancy`: where runs and model disagree, what the model lacks, and the model with it added."""
+"""`clutch-hil discrepancy`: find where runs and model disagree, what the model lacks, and the model that includes it."""
 
 import shlex
 import sys
@@ -72,7 +72,7 @@ def discrepancy(
 
 
 def _begin(model: Path | None, calibration: str | None, within: float | None) -> tuple[Path | None, float | None]:
-    """The file to begin from, and how far the baseline may be re-fitted. Raises InputError."""
+    """Return the model file to start from, and how far the baseline may be re-fitted. Raises InputError."""
     if calibration is None:
         return model, within
     try:
@@ -85,7 +85,7 @@ def _begin(model: Path | None, calibration: str | None, within: float | None) ->
         )
     if model:
         raise InputError("--calibration and --model are both given; a search begins from one of them")
-    return Path(calibration), 3.0 if within is None else within  # 95 % intervals are 1.96 of their uncertainties
+    return Path(calibration), 3.0 if within is None else within  # 95 % intervals are +-1.96 of their uncertainties
 
 
 def _format_result(result: "Result") -> str:

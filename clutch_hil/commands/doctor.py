@@ -1,4 +1,4 @@
-"""`clutch-hil doctor`: what this machine lacks for a bench, and the commands that turn it on."""
+"""`clutch-hil doctor`: list what this machine lacks for a bench, and the commands that provide it."""
 
 import typer
 

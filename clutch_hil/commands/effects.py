@@ -1,4 +1,4 @@
-"""`clutch-hil effects`: the physical effects that the rig can be given."""
+"""`clutch-hil effects`: list, describe and draw the physical effects of the rig."""
 
 import os
 from collections.abc import Sequence
@@ -101,7 +101,7 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
 
 
 def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:
-    """Write the parts of a page that are made from the effects of this package; draw its picture beside it, as a PNG."""
+    """Write the parts of a page that are made from the effects of this package, and its picture beside it, as a PNG."""
     from clutch_hil.bench.demonstration import demonstrate
     from clutch_hil.bench.effect_page import list_pictured_names, rewrite_page
     from clutch_hil.bench.effect_picture import draw_effects
@@ -120,7 +120,7 @@ def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> N
     except InputError as error:
         raise InputError(f"page {page}: {error}") from None
     wrote = [page]
-    with whole_file(page) as part:  # the page is replaced last: it stays as it is where the picture cannot be written
+    with whole_file(page) as part:  # the page is replaced last: it stays unchanged where the picture cannot be written
         part.write_text(text, encoding="utf-8")
         if drawn:
             wrote.append(page.with_suffix(".png"))

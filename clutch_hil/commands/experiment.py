@@ -1,4 +1,4 @@
-"""`clutch-hil experiment`: plays experiments on the live plant and records them. With one of a report it decides again."""
+"""`clutch-hil experiment`: play experiments on the live plant and record them; with --for, decide again on a report."""
 
 import shlex
 import sys
@@ -187,7 +187,7 @@ def _check_running(
     lockstep: bool, rate: int | None, scenario: str | None, plant_parameters: Path | None,
     controller_parameters: Path | None, draw: int | None,
 ) -> None:  # fmt: skip
-    """Raise InputError for an option that a bench that runs already has its own of."""
+    """Raise InputError for an option whose value is given by a bench that already runs."""
     given = {
         "--lockstep": lockstep, "--rate": rate, "--scenario": scenario, "--plant-parameters": plant_parameters,
         "--controller-parameters": controller_parameters, "--draw": draw,
@@ -199,11 +199,11 @@ def _check_running(
 
 
 def _fit_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]") -> "list[Experiment]":
-    """The experiments, for the clutch that the laboratory's controller expects. Raises InputError."""
+    """Return the experiments shifted to the contact pressure that the laboratory's controller expects. Raises InputError."""
     contact = laboratory.find_contact()
     fitted = [experiment.fit_to_contact(contact) for experiment in experiments]
     for experiment in fitted:
-        experiment.load()  # before the first is played
+        experiment.load()  # check all before the first is played
     return fitted
 
 

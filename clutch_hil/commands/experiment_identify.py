@@ -1,4 +1,4 @@
-"""`clutch-hil experiment identify`: plays what identifies a clutch, until all is known that is wanted."""
+"""`clutch-hil experiment identify`: play the experiments that identify a clutch, until the goals are reached."""
 
 import shlex
 import time
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from clutch_hil.discrepancy.identification_set import BorrowedController, CourseBench, Courses
     from clutch_hil.fitting.model import Values
 
-_MARGIN = 1.0  # s between what telemetry keeps of the course before and the next one
+_MARGIN = 1.0  # s between the last row of the previous course that telemetry keeps and the next course
 
 
 def run_identify(courses: "Courses", everything: bool, design: bool, out: Path, json_output: bool) -> None:
-    """Play `courses` and report: runs, what is reached, the command that comes next."""
+    """Play `courses` and report the runs, the reached goals, and the next command."""
     from clutch_hil.discrepancy.identification_set import play_until_reached
     from protocols.errors import format_count
 
@@ -51,7 +51,7 @@ def run_identify(courses: "Courses", everything: bool, design: bool, out: Path, 
 
 
 class _OwnBench:
-    """A bench that is started for each course, with the plant of a scenario; see `CourseBench`."""
+    """Bench that is started for each course, with the plant of a scenario; see `CourseBench`."""
 
     def __init__(self, plant: "Scenario", bus: str, lockstep: bool, blind: bool, rate: int | None, quiet: bool) -> None:
         from clutch_hil.bench.calibration_check import CONTACT
@@ -72,14 +72,14 @@ class _OwnBench:
         return self._bench.play(experiment, number, self._quiet)
 
     def tell_controller(self, values: "Values") -> None:
-        """See `CourseBench`: the controllers that are started from now on have these parameters."""
+        """See `CourseBench`: controllers started from now on have these parameters."""
         scenario = self._bench.scenario
         settings = replace(scenario.settings, controller={**scenario.settings.controller, **values})
         self._bench = replace(self._bench, scenario=replace(scenario, settings=settings))
 
 
 def _take_controller_file(settings: "RunSettings") -> "RunSettings":
-    """Settings with the parameters of the controller's file, where it has one, that later ones override. Raises InputError."""
+    """Return settings with the parameters of the controller's file as values that later ones override. Raises InputError."""
     path = settings.controller_parameters
     if not path:
         return settings
@@ -106,7 +106,7 @@ class _RunningBench:
     def play(self, experiment: "Experiment", number: int) -> Path:
         """See `CourseBench`."""
         _tell(experiment, number, self._quiet)
-        # a run has all rows that telemetry keeps: those of the course before must be gone, as its model begins at rest
+        # a run has all rows that telemetry keeps: those of the previous course must have expired: the model begins at rest
         time.sleep(max(0.0, self._ended + self._history + _MARGIN - experiment.seconds - time.monotonic()))
         path = self._bench.play(experiment, number, self._quiet)
         self._ended = time.monotonic()
@@ -117,7 +117,7 @@ def play_own_courses(
     plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, overwrite: bool, rate: int | None, design: bool,
     quiet: bool,
 ) -> "Courses":  # fmt: skip
-    """Courses on a bench that is started for each of them, with the plant of a scenario; with `design` designed ones."""
+    """Return courses on a bench started for each of them, with the plant of a scenario; with `design`, designed courses."""
     bench = _OwnBench(plant, bus, lockstep, blind, rate, quiet)
     return _play_courses(_make_folder(out, overwrite), bench, design, quiet)
 
@@ -125,7 +125,7 @@ def play_own_courses(
 def load_two_clutch_plant(
     scenario: str | None, changed: Path | None, seed: int, out: Path, controller: Path | None
 ) -> "Scenario | None":
-    """The plant under test where it is that of a scenario of two clutches; None where it has one. Raises InputError."""
+    """Return the plant under test if it belongs to a scenario with two clutches; None for one clutch. Raises InputError."""
     from clutch_hil.bench.scenario import load_scenario
 
     given = {"plant_parameters": changed, "seed": seed, "out": out, "controller_parameters": controller}
@@ -136,7 +136,7 @@ def load_two_clutch_plant(
 def run_shift_set(
     plant: "Scenario", bus: str, lockstep: bool, out: Path, overwrite: bool, rate: int | None, json_output: bool
 ) -> None:
-    """Play the set of a power-shift rig, and report: runs, the command that comes next."""
+    """Play the set of a power-shift rig, and report the runs and the next command."""
     from clutch_hil.bench.recording import make_writable
     from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
     from clutch_hil.discrepancy.laboratory import OwnBench
@@ -165,7 +165,7 @@ def run_shift_set(
 def running_courses(
     bus: str, blind: bool, out: Path, overwrite: bool, design: bool, quiet: bool
 ) -> Iterator["Courses"]:
-    """Courses on the bench that already runs. Its controller's parameters are set back in the end."""
+    """Yield courses on the bench that already runs. The parameters of its controller are restored at the end."""
     from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED, borrowed_controller
 
     with borrowed_controller(bus) as controller:
@@ -189,7 +189,7 @@ def _make_printer(quiet: bool) -> "Callable[[str], None]":
 
 
 def _make_folder(out: Path, overwrite: bool) -> Path:
-    """The folder, if no course in it is lost. Raises InputError."""
+    """Return the folder if no course in it would be lost. Raises InputError."""
     from clutch_hil.bench.recording import make_writable
     from clutch_hil.discrepancy.identification_set import list_course_files
     from protocols.files.output_file import check_new_files

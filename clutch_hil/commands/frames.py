@@ -1,4 +1,4 @@
-"""`clutch-hil frames`: the frames of the bus and its worst-case load."""
+"""`clutch-hil frames`: list the frames of the bus and its worst-case load."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from clutch_hil.command import check_rate, report
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError, join_names
 
-_CLASSIC_BYTES = 8  # most bytes of a frame that is not CAN FD
+_CLASSIC_BYTES = 8  # largest payload of a frame other than CAN FD
 
 
 def register(app: typer.Typer) -> None:

@@ -1,4 +1,4 @@
-"""`clutch-hil identify`: from recordings of a clutch to the calibration that its controller and its model run on."""
+"""`clutch-hil identify`: compute from recordings of a clutch the calibration for its controller and its model."""
 
 import shlex
 import sys
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from clutch_hil.identify.identification import Identification
 
 FILES = ("calibration.toml", "identification.json", "report.html", "fit.png", "maps.png", "frequency_response.png")
-MAPS_OF_TWO = ("maps_a.png", "maps_b.png")  # of a power shift, in the place of the last two
+MAPS_OF_TWO = ("maps_a.png", "maps_b.png")  # for a power shift, instead of the last two
 LIFT_UP_LAWS = ("lift-up", "lift-height")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
@@ -159,7 +159,7 @@ def _run_clutch(
 
 
 def _write_files(result: "Identification", document: Mapping[str, Any], folder: Path) -> None:
-    """Write calibration, report, pictures and the `document` of what was found into a folder."""
+    """Write calibration, report, pictures and the result `document` to a folder."""
     from clutch_hil.identify.picture import draw_identification
     from clutch_hil.identify.power_shift import ShiftIdentification
     from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
@@ -181,12 +181,12 @@ def _write_files(result: "Identification", document: Mapping[str, Any], folder: 
 
 
 def _is_given(value: Any) -> bool:
-    """Whether an option was given, so far as its value tells: that of a float which was not is 0.0."""
+    """Return whether an option was given, as far as its value shows: a float that was not given is 0.0."""
     return value is not None and (bool(value) or type(value) is int)
 
 
 def _parse_pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple[str, str]]:
-    """(name, value) of each NAME=VALUE. Raises InputError."""
+    """Return (name, value) of each NAME=VALUE. Raises InputError."""
     pairs = []
     for text in texts:
         name, mark, value = text.partition("=")

@@ -31,7 +31,7 @@ def run_friction(
     overwrite: bool,
     json_output: bool,
 ) -> None:
-    """Identify a friction law and write its files. columns: by quantity, "" where its name tells; others as in `identify`."""
+    """Identify a friction law and write its files. columns: by quantity, "" to find it by name; others as in `identify`."""
     from clutch_hil.bench.progress import ActivityLine
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify.friction import butterflies

@@ -13,7 +13,7 @@ def run_lift_up(
     runs: list[Path], law: str, columns: Mapping[str, str], gap: str, known: Mapping[str, float], low_pass: float, rig: str,
     out: Path, overwrite: bool, json_output: bool,
 ) -> None:  # fmt: skip
-    """Identify F_N(v, a) and write its files. known: of the contact, in SI, by name."""
+    """Identify F_N(v, a) and write its files. known: parameters of the contact, in SI, by name."""
     from clutch_hil.bench.progress import ActivityLine, format_table
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify.friction import butterflies

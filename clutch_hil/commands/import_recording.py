@@ -1,4 +1,4 @@
-"""`clutch-hil import`: a foreign recording listed, mapped, and written as run files."""
+"""`clutch-hil import`: list a foreign recording, map it, and write it as run files."""
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -99,7 +99,7 @@ def _import(
 
 
 def _choose_files(recordings: Sequence[Path], folder: Path) -> dict[Path, Path]:
-    """The file in `folder` that each recording is written to. Raises InputError."""
+    """Return the file in `folder` to which each recording is written. Raises InputError."""
     if folder.suffix and not folder.is_dir():
         raise InputError(f"--out is {folder}, and {len(recordings)} recordings are given; allowed is a folder")
     if folder.exists() and not folder.is_dir():
@@ -122,7 +122,7 @@ def _choose_files(recordings: Sequence[Path], folder: Path) -> dict[Path, Path]:
 
 @contextmanager
 def _made_folder(folder: Path) -> Iterator[None]:
-    """A folder that is made, and removed again where nothing was written to it. Raises InputError."""
+    """Create a folder, and remove it again if nothing was written to it. Raises InputError."""
     missing = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -137,7 +137,7 @@ def _made_folder(folder: Path) -> Iterator[None]:
 
 
 def _import_several(targets: Mapping[Path, Path], the_map: "ImportMap", overwrite: bool, json_output: bool) -> None:
-    """Import recordings one after the other. One that is refused is told, with exit code 2, and keeps none of the others."""
+    """Import recordings in turn. A refused one is reported, gives exit code 2, and does not stop the others."""
     from clutch_hil.bench.progress import progress_bar
 
     imported, refused = [], {}
@@ -158,14 +158,14 @@ def _import_several(targets: Mapping[Path, Path], the_map: "ImportMap", overwrit
 
 @dataclass(frozen=True)
 class _Imported:
-    """A recording that was imported: its document, what was done in `lines`, and the verdict."""
+    """An imported recording: its document, the processing steps in `lines`, and the verdict."""
 
     document: Mapping[str, Any]
     lines: Sequence[str]
     verdict: str
 
     def __str__(self) -> str:
-        """What was done, a line each."""
+        """Return the processing steps, one per line."""
         return "\n".join(self.lines)
 
 

@@ -1,4 +1,4 @@
-"""`clutch-hil inject`: effects and faults injected into a running plant."""
+"""`clutch-hil inject`: inject effects and faults into a running plant."""
 
 from math import inf
 

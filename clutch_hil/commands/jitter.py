@@ -1,4 +1,4 @@
-"""`clutch-hil jitter`: the loop's timing beside cyclictest, a witness and echoes, as a table, a picture and JSON."""
+"""`clutch-hil jitter`: measure the loop's timing beside cyclictest, a witness and echoes; write table, picture and JSON."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from clutch_hil.command import check_rate, report
 from clutch_hil.commands.options import BUS, JSON, OVERWRITE
 from protocols.errors import InputError, format_count
 
-_DIGITS = 10  # of a rate: fewer; of thousands Python makes no number
+_DIGITS = 10  # a rate has fewer digits; Python refuses to convert thousands of digits
 
 
 def register(app: typer.Typer) -> None:
@@ -90,7 +90,7 @@ def jitter(
 
 
 def _parse_rates(text: str) -> list[int]:
-    """Rates [Hz] with commas between. Raises InputError."""
+    """Return the rates [Hz] in a comma-separated list. Raises InputError."""
     parts = [part.strip() for part in text.split(",")]
     if odd := [part for part in parts if not (part.isdecimal() and len(part) < _DIGITS)]:
         raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers of Hz with commas between")

@@ -1,4 +1,4 @@
-"""`clutch-hil monitor`: a running bench watched in the terminal."""
+"""`clutch-hil monitor`: watch a running bench in the terminal."""
 
 import typer
 

@@ -8,7 +8,7 @@ import typer
 from protocols.errors import InputError
 
 BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
-# A setting of a scenario is None where it is not given: then the scenario's value holds, or the default of RunSettings.
+# A setting of a scenario is None if not given: then the scenario's value holds, or the default of RunSettings.
 RATE = typer.Option(None, help="rate of samples and commands, in Hz; 1000 if not given")
 # A model that `clutch-hil discrepancy` extended is such a file.
 PLANT_PARAMETERS = typer.Option(
@@ -44,7 +44,7 @@ ROUTER = typer.Option(
     help="zenoh router of another machine, such as tcp/192.168.1.5:7447, or a file of `clutch-hil secure`",
 )
 
-# Of a service, which plant and controller are
+# Options of a service: plant and controller
 SERVICE_TELEMETRY = typer.Option(True, help="publish every cycle over zenoh, from a process of its own")
 PUBLISH_ROUTER = typer.Option(
     None,
@@ -55,7 +55,7 @@ PUBLISH_ROUTER = typer.Option(
 CPU = typer.Option(None, help="CPU to run on")
 SUMMARY = typer.Option(None, help="JSON file for the summary")
 
-# Of the controller alone, without a scenario
+# Options of the controller only, without a scenario
 PARAMETERS = typer.Option(
     None, "--parameters", "--calibration", help="TOML file that changes controller parameters, or a calibration.toml"
 )
@@ -66,7 +66,7 @@ CONTROLLER_ADAPTATION = typer.Option(True, help="adapt the friction level while 
 def take_calibration(
     calibration: Path | None, plant: Path | None, controller: Path | None
 ) -> tuple[Path | None, Path | None]:
-    """Files of the parameters of plant and controller: both are the calibration, where there is one. Raises InputError."""
+    """Return the parameter files of plant and controller: both are the calibration if there is one. Raises InputError."""
     if not calibration:
         return plant, controller
     if plant or controller:

@@ -1,4 +1,4 @@
-"""`clutch-hil panel`: the clutch driven from the keyboard."""
+"""`clutch-hil panel`: drive the clutch from the keyboard."""
 
 import typer
 

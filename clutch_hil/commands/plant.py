@@ -92,7 +92,7 @@ def plant(
             cpu=cpu,
         )
     compile_first(service.warm)
-    with Stop():  # a second signal does not interrupt the ending
+    with Stop():  # a second signal does not interrupt the end of the service
         result = service.run(lambda text: typer.echo(text, err=True))
         write_summary(summary, result)
     if json_output:

@@ -1,4 +1,4 @@
-"""`clutch-hil record`: a running bench recorded."""
+"""`clutch-hil record`: record a running bench."""
 
 from pathlib import Path
 

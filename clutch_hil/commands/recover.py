@@ -1,4 +1,4 @@
-"""`clutch-hil recover`: run files from the journals of recorders that were killed."""
+"""`clutch-hil recover`: write run files from the journals of recorders that were killed."""
 
 import os
 from pathlib import Path
@@ -31,7 +31,7 @@ def recover(
         if not os.path.exists(path):
             raise InputError(f"{path} does not exist; give a folder of runs, or a file NAME.parquet.journal")
         if not os.path.isdir(path):
-            find_run(path)  # raises InputError for a file of another name
+            find_run(path)  # raises InputError for a file with another kind of name
     journals = [journal for path in paths for journal in (list_journals(path) if os.path.isdir(path) else [path])]
     done, left = [], []
     for journal in journals:

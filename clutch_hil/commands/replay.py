@@ -1,4 +1,4 @@
-"""`clutch-hil replay`: a recorded bus log through the controller again."""
+"""`clutch-hil replay`: play a recorded bus log to the controller again."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def replay(
     if bus is None:
         answers = answer_log(read, node)
     else:
-        compile_first(ControllerService.warm)  # the process that is started then finds all kernels
+        compile_first(ControllerService.warm)  # the process that is started then finds all compiled kernels
         options = ["--law", law, "--adaptation" if adaptation else "--no-adaptation"]
         options += ["--parameters", str(parameters)] if parameters else []
         answers = answer_log_on_bus(resolve(bus), read, options)
@@ -68,6 +68,6 @@ def replay(
     )
     if read.defects:
         verdict += f"; {read.defects}"
-    # Where the log lacks something, a difference is no statement about the controller
+    # If the log is incomplete, a difference is no statement about the controller
     good = not read.defects or (answers.logged > 0 and not differs)
     report(document, "\n".join(lines), verdict, good, json_output)

@@ -1,4 +1,4 @@
-"""`clutch-hil reproduce`: results of the thesis, checked by running them."""
+"""`clutch-hil reproduce`: check results of the thesis by running them."""
 
 import os
 from pathlib import Path
@@ -36,7 +36,7 @@ def reproduce(
     if list_all or not (name or every):
         rows = [("name", "what"), *((e.name, e.title) for e in load_entries().values())]
         if json_output:
-            emit(dict(rows[1:]))  # nothing but names
+            emit(dict(rows[1:]))  # only names
         else:
             report({}, format_table(rows), f"{len(rows) - 1} entries", True, as_json=False)
         return

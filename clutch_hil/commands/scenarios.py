@@ -1,4 +1,4 @@
-"""`clutch-hil scenarios`: the scenarios that come with the bench."""
+"""`clutch-hil scenarios`: list the shipped scenarios."""
 
 import typer
 

@@ -1,4 +1,4 @@
-"""`clutch-hil secure`: files for a bench that others reach over a network: encrypted, each side known, rights by role."""
+"""`clutch-hil secure`: make the files for a bench on a network: encryption, certificates on both sides, rights by role."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`clutch-hil service`: the bench as units of systemd: installed, removed, asked for."""
+"""`clutch-hil service`: install the bench as systemd units, remove them, or report their state."""
 
 import os
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""`clutch-hil simulate`: plant and controller in one process: a run, several scenarios, or a sweep."""
+"""`clutch-hil simulate`: simulate plant and controller in one process: a run, several scenarios, or a sweep."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`clutch-hil tune`: parameters of running services listed, shown and set."""
+"""`clutch-hil tune`: list, show and set parameters of running services."""
 
 from pathlib import Path
 

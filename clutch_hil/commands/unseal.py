@@ -1,4 +1,4 @@
-"""`clutch-hil unseal`: shows the truth of a blind run."""
+"""`clutch-hil unseal`: show the truth of a blind run."""
 
 from pathlib import Path
 

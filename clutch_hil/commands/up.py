@@ -1,4 +1,4 @@
-"""`clutch-hil up`: starts a bench, plays a scenario or a profile on it, and records, judges and draws the run."""
+"""`clutch-hil up`: start a bench, play a scenario or a profile on it, and record, judge and draw the run."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`clutch-hil view`: a running bench, or recorded runs, in the viewer."""
+"""`clutch-hil view`: show a running bench, or recorded runs, in the viewer."""
 
 import os
 from pathlib import Path
@@ -46,7 +46,7 @@ def view(
     json_output: bool = JSON,
 ) -> None:
     """Show a running bench, or recorded runs, in rerun's viewer."""
-    os.environ.setdefault("RUST_LOG", "off")  # errors of rerun are counted and reported by us
+    os.environ.setdefault("RUST_LOG", "off")  # we count and report errors of rerun
     from clutch_hil.live.rrd_writer import check_rrd
     from clutch_hil.live.viewer import Viewer, WebViewer
     from protocols.files.stretch import Stretch
@@ -60,7 +60,7 @@ def view(
         raise InputError(f"{odd[0]} was given without --web; it is of a page that is served")
     if save and not (web or headless or window):
         of_viewer = {f"--port {port}": port is not None, f"--memory {memory}": memory is not None}
-        of_viewer |= {f"--seconds {seconds}": bool(runs) and seconds is not None}  # of a bench they end the file
+        of_viewer |= {f"--seconds {seconds}": bool(runs) and seconds is not None}  # for a bench, they limit the file
         if odd := [option for option, given in of_viewer.items() if given]:
             raise InputError(f"{odd[0]} was given without a viewer; with --save it needs --web or --window")
     if runs and (bus or router):
