@@ -47,7 +47,7 @@ class Scenario:
     """A run of a rig.
 
     plant: parameters of the plant, with the effects that are on. injections: changes of the plant and faults of the bus during
-    the run. bench_faults: faults of processes and of the computer, only for runs with separate processes. limits: judge the
+    the run. bench_faults: of its processes and the computer, for runs with separate processes only. limits: judge the
     run. path: file of the scenario, None for a run without a file.
     """
 

@@ -40,7 +40,7 @@ class Fit:
 
     @property
     def name(self) -> str:
-        """Name of the candidate."""
+        """Return the name of the candidate."""
         return self.candidate.name
 
 

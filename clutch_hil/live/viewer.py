@@ -54,7 +54,7 @@ class Viewer:
     period = 0.05  # s between two sends: a window shows rows 40 ms later
 
     def __init__(self, port: int | None, memory: str | None, headless: bool = False) -> None:
-        """`port` None takes the default or a free one; `memory` is rerun's notation. Raises InputError."""
+        """Choose the port; None takes the default or a free one. `memory` is rerun's notation. Raises InputError."""
         if not (headless or _has_display()):
             raise InputError(
                 "there is no display for the viewer: use --web, --save FILE.rrd or the command `clutch-hil monitor`"
@@ -158,7 +158,7 @@ class WebViewer(Viewer):
     def __init__(
         self, port: int | None, page_port: int | None, memory: str | None, browser: bool, address: str = LOOPBACK
     ) -> None:
-        """Start the server. Ports None take the default or a free one; `memory` is rerun's notation. Raises InputError.
+        """Choose the ports; None takes the default or a free one. `memory` is rerun's notation. Raises InputError.
 
         browser: open one. address: of this machine, where the page is served; other than 127.0.0.1 with a new token.
         """

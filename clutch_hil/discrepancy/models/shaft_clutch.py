@@ -2,7 +2,7 @@
 
 Equation        `plant_sim.rigs.shaft_clutch_run`. The measured slip contains the effect of the shafts
 Assumptions     as in `wet_clutch`; the error of the measured slip is so small that it changes no torque (docs/identify.md)
-Not modelled    sticking plates. So rows with a slip near 0 in contact give no information on the torque, see `unseen`
+Not modelled    sticking plates. So rows with a slip near 0 in contact give no information on the torque, see `find_unseen`
 """
 
 import numpy as np

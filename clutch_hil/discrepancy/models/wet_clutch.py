@@ -94,7 +94,7 @@ class WetClutch:
     }
 
     def __init__(self, parameters: ParameterSet | None = None, step: float = _STEP) -> None:
-        """Load the parameters. step: longest step of the integration [s]."""
+        """Set up the model; nominal parameters if None. step: longest step of the integration [s]."""
         whole = parameters or wet_clutch.load_nominal()
         self._step = step
         plug_ins = catalogue()
@@ -181,7 +181,7 @@ class WetClutch:
         return {"shaft_angle_rad": "slip_speed_rad_s"} if is_integrated(run) else {}
 
     def make_bench(self) -> WetClutchBench:
-        """See `experiment.Experimenting`."""
+        """See `experiment_design.Experimenting`."""
         return WetClutchBench(self._whole)
 
     def recalibrate(self, evidence: Evidence, near: Values) -> dict[str, float]:

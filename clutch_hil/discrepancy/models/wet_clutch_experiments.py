@@ -67,7 +67,7 @@ _MARGIN = 0.95  # share of each of the guard's limits and of the motor's torque 
 
 
 class WetClutchBench:
-    """The bench of a rig with `parameters`, nominal ones if None; see `experiment.Bench`.
+    """The bench of a rig with `parameters`, nominal ones if None; see `experiment_design.Bench`.
 
     controller: changed parameters of its controller, by dotted name.
     """
