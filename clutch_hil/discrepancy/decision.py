@@ -36,8 +36,8 @@ ALIAS_SHARE = 0.75
 TIE_COST = 3.0  # ... plus this times redundancy: odds of e^1.5. Development: neither value loses a right effect
 # chi^2 of an improbable calibration. Development: where a single effect explained nearly all, it was 30 at most.
 RARE_CHI2 = 35.0
-# One run distinguishes two effects if the worse one leaves more in it by this share of what the better one leaves there.
-DECISIVE_SHARE = 1.5
+# One run distinguishes two effects if the worse one leaves more in it by this share of what the better one leaves, ...
+DECISIVE_SHARE = 1.5  # ... plus DISAGREEMENT
 NOTHING_CONFIDENCE, NONE_CONFIDENCE = 0.9, 0.8  # of the verdicts without a gain: set by hand
 CALIBRATION_CONFIDENCE = 0.9  # that no effect is missing where a re-calibration explains the disagreement: set by hand
 

@@ -141,7 +141,7 @@ def _list_gains(parameters: ParameterSet) -> float:
 
 
 def _make_alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
-    """Return `x3` without its gain difference to `x2`, as far as this is at most `most`."""
+    """Return `x3` with its gain difference to `x2` removed, up to a difference of `most`."""
     swing = torque - torque.mean()  # an offset is not a gain
     differ = np.clip((x2 - x3) @ swing / max(float(swing @ swing), 1e-12), -most, most)
     return x3 + differ * torque
