@@ -9,7 +9,7 @@ Quantities      wake      from the slot of the grid to the first reading of the 
                 latency   from the stamp of a sample's ENCODER frame to that of the VALVE_COMMAND that answers it
                 period    time between the beginnings of two cycles minus the period
                 late      cycles that end after their slot, and skipped slots. A late cycle is unexplained if no spike of
-                          the witness and no stall lies between two periods before its slot and two after its end
+                          the witness and no stall lies between 2.5 periods before its slot and 2.5 after its end
                           (`lateness.py`). The witness wakes once a period. A stall watch wakes four times a period, or 4000
                           times a second at rates above 1 kHz. A stall is a wake-up that is late by more than the length of
                           a spike. Above 1 kHz only the watch runs: a witness would take an eighth of the time at 4 kHz

@@ -3,7 +3,7 @@
 Definitions     a cycle is late if it ends after its slot, or if a slot before it was skipped. A witness is an empty loop on
                 the same CPU with a higher priority. The time from its slot until it sleeps again is lost to the machine. A
                 long lost time is a spike (`compute_shortest_spike`). A late cycle is explained by a spike, or by a stall that
-                a stall watch found, between two periods before its slot and two after its end
+                a stall watch found, between 2.5 periods before its slot and 2.5 after its end
 Assumptions     what stops the CPU also stops the witness. What only slows the CPU (caches, a neighbour on its core) makes no
                 spike
 References      docs/timing.md
