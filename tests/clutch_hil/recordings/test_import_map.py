@@ -279,7 +279,7 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
         (COLUMNS.replace('"mm"', '"bar"'), {}, "position_m is given in 'bar', which cannot be converted into 'm'"),
         (COLUMNS.replace("position_m", "position"), {}, "column 'position' tells no unit"),
         (COLUMNS.replace("time_s", "clock_s"), {}, "has no column time_s"),
-        (COLUMNS.replace('from = "qm"', 'form = "qm"'), {}, "position_m.form is unknown; did you mean from?"),
+        (COLUMNS.replace('from = "qm"', 'form = "qm"'), {}, "position_m.form is unknown; did you mean from or formula?"),
         (COLUMNS.replace('from = "qm", ', ""), {}, "position_m needs either `from`, a name, or `number`"),
         (COLUMNS.replace('from = "qm"', "number = 9"), {}, "has 3 columns; column number 9 is asked for"),
         ("[file]\nresample_hz = -5.0\n" + COLUMNS, {}, "resample_hz is -5; allowed is 0 or more"),
