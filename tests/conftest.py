@@ -67,7 +67,12 @@ IN_REAL_TIME = (
 # These compute for long; `make quick` leaves them out, and what runs in real time.
 SLOW = (
     "benchmarks",
+    "clutch_hil/bench/test_bench_of_another_size.py",
     "clutch_hil/bench/test_every_state.py",
+    "clutch_hil/bench/test_junit.py",
+    "clutch_hil/bench/test_third_rig.py",
+    "clutch_hil/bench/test_two_clutches.py",
+    "clutch_hil/bench/test_units_tell.py",
     "clutch_hil/discrepancy",
     "clutch_hil/fitting",
     "clutch_hil/identify",
@@ -83,6 +88,7 @@ SLOW = (
     "test_first_minute.py",
     "test_guest.py",
     "test_boot.py",
+    "test_needs.py",
     "booted",
 )
 ORDER = ("soak", "quiet", "longest", "guest", "boot", "shared")
