@@ -159,6 +159,7 @@ def add_motor(
             fixed[LIMIT] = values[LIMIT], f"taken as {values[LIMIT]:.4g} Nm, by the largest torque of the runs"
     balance = balance_motor(list(runs.measured.values())) if _has_both_torques(runs) else None
     identified: list[Identified] = []
+    absent = list(calibration.absent)
     if balance and _INERTIA not in held:
         rate = declared[_GAINS[0]].value / declared[_INERTIA].value  # 1/s, of the declared speed controller
         sampled = 0.5 * _FASTER * _LOOP * rate * balance.inertia
@@ -170,9 +171,8 @@ def add_motor(
     if balance and MOTOR not in held:
         half = float(np.hypot(balance.zero_half, known.find_half(TORQUE)))
         zero = _identify(ParameterSet(declare_effects()), MOTOR, balance.zero + values[TORQUE], half)
-        identified += (
-            [zero] if choose_absent([MOTOR], np.array([zero.value]), np.array([half]), np.eye(1)) == [] else []
-        )
+        is_absent = choose_absent([MOTOR], np.array([zero.value]), np.array([half]), np.eye(1))
+        (absent if is_absent else identified).append(zero)
     values |= {one.name: one.value for one in identified}
     times = values[_INERTIA] / declared[_INERTIA].value
     for name in _GAINS:
@@ -187,6 +187,7 @@ def add_motor(
             values, {name: p.value for name, p in declared.items()}, load_node("controller")().parameters
         ),
         fixed=fixed,
+        absent=absent,
         warnings=[*warnings, *calibration.warnings],
         notes=notes,
     )

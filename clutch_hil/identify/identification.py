@@ -270,16 +270,16 @@ def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]
 
     Returns the plan, and the findings from which a motor limit other than the declared one follows.
     """
-    reason: list[Finding] = []
+    other_size: list[Finding] = []
     if _DRIVEN in subject.fitted:
-        limit, reason = find_motor_limit(
+        limit, other_size = find_motor_limit(
             measured, plan.given.get(LIMIT, plan.known[LIMIT].value), plan.known[LIMIT].bounds[1]
         )
-        if reason:
+        if other_size:
             plan = plan.give(LIMIT, limit, f"taken as {limit:.4g} Nm, by the largest torque of the runs")
         elif LIMIT not in plan.given:
-            limit, reason = find_limit_at_steps(measured, limit)
-            if reason:
+            limit, other_size = find_limit_at_steps(measured, limit)
+            if other_size:
                 plan = plan.give(
                     LIMIT, limit, f"taken as {limit:.4g} Nm, by steps of the speed demand that ask for more"
                 )
@@ -291,7 +291,7 @@ def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]
     for name, (bits, why) in find_converter_bits(model, list(measured.values()), subject.nominal).items():
         if name not in plan.given:
             plan = plan.give(name, bits, f"taken as {bits:g} bit, as {why}")
-    return plan, reason
+    return plan, other_size
 
 
 def _select_measured(findings: Iterable[Finding], runs: Evidenced) -> list[Finding]:

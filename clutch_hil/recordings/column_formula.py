@@ -21,13 +21,8 @@ from clutch_hil.recordings.rasters import filter_low_pass
 from protocols.errors import InputError, suggest_closest
 from protocols.files.formula import Formula
 
-_OF_ROWS = {
-    "low_pass": 2,
-    "derivative": 1,
-    "integral": 1,
-    "running_sum": 1,
-    "shift": 2,
-}  # functions of whole columns -> number of arguments
+# Functions of whole columns -> number of arguments
+_OF_ROWS = {"low_pass": 2, "derivative": 1, "integral": 1, "running_sum": 1, "shift": 2}
 
 
 class ColumnFormula:
