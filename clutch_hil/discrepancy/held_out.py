@@ -8,7 +8,7 @@ from clutch_hil.discrepancy.regimes import ALL, Regimes
 from clutch_hil.discrepancy.result import Gap, Trace
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import LinearModel
-from clutch_hil.fitting.model import Model, Values
+from clutch_hil.fitting.model import Model, Partial, Values
 
 
 def fit_without_each(evidence: Evidence, before: LinearModel, after: LinearModel) -> list[tuple[Point, Point]]:
@@ -30,7 +30,10 @@ def _refit_without(evidence: Evidence, at: LinearModel, k: int) -> Point:
 def measure_gaps(
     model: Model, traces: Sequence[Trace], floors: Values
 ) -> tuple[dict[str, Gap], dict[str, dict[str, Gap]]]:
-    """Return root mean square errors over all `traces`: by output, and by output and regime; `floors` by output."""
+    """Return root mean square errors over all `traces`: by output, and by output and regime; `floors` by output.
+
+    Rows that the model does not predict do not count.
+    """
     regimes = Regimes(model, [t.columns for t in traces], {n: p.value for n, p in model.parameters.items()})
     masks = [regimes(trace.columns) for trace in traces]
     names = list(dict.fromkeys(name for mask in masks for name in mask if name != ALL))
@@ -38,17 +41,24 @@ def measure_gaps(
     for output in model.outputs:
         c = output.column
         errors = [(t.measured[c] - t.before[c], t.measured[c] - t.after[c]) for t in traces]
-        whole[c] = _measure_gap(errors, [np.ones(len(b), bool) for b, _ in errors], floors[c])
+        seen = [_find_seen(model, trace, c) for trace in traces]
+        whole[c] = _measure_gap(errors, seen, floors[c])
         by_name = {
             name: _measure_gap(
                 errors,
-                [m.get(name, np.zeros(len(b), bool)) for m, (b, _) in zip(masks, errors, strict=True)],
+                [m.get(name, np.zeros(len(own), bool)) & own for m, own in zip(masks, seen, strict=True)],
                 floors[c],
             )
             for name in names
         }
         parts[c] = {name: gap for name, gap in by_name.items() if np.isfinite(gap.before)}
     return whole, parts
+
+
+def _find_seen(model: Model, trace: Trace, column: str) -> np.ndarray:
+    """Return a mask (n,) of the rows in which the model predicts the output `column`."""
+    unseen = model.find_unseen(trace.columns).get(column) if isinstance(model, Partial) else None
+    return np.ones(len(trace.measured[column]), bool) if unseen is None else ~unseen
 
 
 def _measure_gap(errors: Sequence[tuple[np.ndarray, np.ndarray]], masks: Sequence[np.ndarray], floor: float) -> Gap:

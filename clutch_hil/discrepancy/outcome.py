@@ -1,7 +1,7 @@
 """Outcome: find what a model lacks to explain recorded runs, for Python and for the command; write the files on request."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,11 +9,12 @@ from clutch_hil.bench.arguments import take_function, take_list, take_runs
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
+from clutch_hil.discrepancy.models.missing_sensors import choose_model
 from clutch_hil.discrepancy.models.named import (
     declare_parameters,
     find_model,
+    find_models,
     list_required_columns,
-    read_evidence,
     select_evidence,
     set_calibration,
 )
@@ -29,6 +30,7 @@ from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, join_names
 from protocols.files.output_file import whole_files
 from protocols.files.run import Run
+from protocols.files.runs import read_columns
 
 _MODEL_FILE = "model.toml"
 FILES = (*REPORT_FILES, _MODEL_FILE)  # the files that `Discrepancy.write` writes
@@ -126,13 +128,17 @@ def find_discrepancy(
     if effects == []:
         raise InputError("a discrepancy was asked for without candidates; give names of effects, or None for all")
     changed = Path(model) if model is not None else None
-    known = find_model(rig, changed)
+    models = find_models(rig, changed)
     if calibration is not None:
-        known = set_calibration(known, calibration)
+        models = [set_calibration(model, calibration) for model in models]
     _check_paths([*runs, *held_out])
-    hashes: dict[str, str] = {}
-    fitted = _list_columns(runs, known, hashes)
-    held = _list_columns(held_out, known, hashes)
+    named = {f"number {k}" if isinstance(run, Run) else str(run): run for k, run in enumerate([*runs, *held_out], 1)}
+    read = {name: run if isinstance(run, Run) else read_columns(Path(run)) for name, run in named.items()}
+    known, missing = choose_model(models, read)
+    evidence = {name: select_evidence(Path(name), run, known) for name, run in read.items()}
+    hashes = {name: _compute_hash(run, evidence[name], known) for name, run in named.items()}
+    fitted = {name: evidence[name] for name in [*named][: len(runs)]}
+    held = {name: columns for name, columns in evidence.items() if name not in fitted}
     findings: list[Finding] = []
     fitted, held = ({n: _cut_at_fault(n, run, findings) for n, run in one.items()} for one in (fitted, held))
     findings += check_evidence(known, {**fitted, **held})
@@ -143,7 +149,7 @@ def find_discrepancy(
     overruled = ["hard checks were overruled by --force: what follows is no evidence"] if forced else []
     result = replace(
         result, hashes=hashes, holdout=list(held), model=str(changed) if changed else None, checks=findings, forced=forced,
-        notes=[*overruled, *list_findings(findings), *result.notes],
+        notes=[*overruled, *missing, *list_findings(findings), *result.notes],
     )  # fmt: skip
     return Discrepancy(result, known, rig, changed)
 
@@ -167,18 +173,9 @@ def _check_paths(runs: Sequence[Run | str | Path]) -> None:
         seen.add(resolved)
 
 
-def _list_columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str]) -> Mapping[str, Columns]:
-    """Return columns of runs by path, or by number without a path; add their SHA-256 to `hashes`. Raises InputError."""
-    read: dict[str, Columns] = {}
-    for run in runs:
-        if isinstance(run, Run):
-            name = f"number {len(hashes) + 1}"
-            read[name] = select_evidence(Path(name), run, model)
-            content = b"".join(
-                column.encode() + read[name][column].tobytes() for column in list_required_columns(model)
-            )
-            hashes[name] = hashlib.sha256(content).hexdigest()
-        else:
-            read[str(run)] = read_evidence(Path(run), model)
-            hashes[str(run)] = compute_checksum(Path(run))
-    return read
+def _compute_hash(run: Run | str | Path, columns: Columns, model: Model) -> str:
+    """Return the SHA-256 of a file, or of the compared columns of a run in memory."""
+    if not isinstance(run, Run):
+        return compute_checksum(Path(run))
+    content = b"".join(name.encode() + columns[name].tobytes() for name in list_required_columns(model))
+    return hashlib.sha256(content).hexdigest()

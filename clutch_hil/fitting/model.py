@@ -1,6 +1,6 @@
 """Model: interface of a rig for the discrepancy workflow. Any class with these attributes is allowed (docs/discrepancy.md)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -188,6 +188,20 @@ class Partial(Protocol):
 
     def find_unseen(self, run: Columns) -> Mapping[str, np.ndarray]:
         """Return by output a mask (n,) of the rows that the model does not predict."""
+        ...
+
+
+@runtime_checkable
+class Reducible(Protocol):
+    """A model that can be compared with runs that lack some of its outputs.
+
+    may_lack: columns of these outputs.
+    """
+
+    may_lack: tuple[str, ...]
+
+    def without(self, missing: Collection[str]) -> "Model":
+        """Return the model without the outputs `missing`, some of `may_lack`."""
         ...
 
 

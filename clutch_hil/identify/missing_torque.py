@@ -33,14 +33,23 @@ def describe_missing_torque(runs: Evidenced) -> str:
 
 
 def complete_torque(runs: Evidenced, inertia: float) -> Evidenced:
-    """Return the runs with a clutch torque from the torque balance of the motor where it is missing. inertia [kg m^2]."""
-    return replace(runs, measured={name: _complete(run, inertia) for name, run in runs.measured.items()})
+    """Return the runs with a clutch torque whose zero is that of the vented rows. inertia [kg m^2]: for a missing torque."""
+    return replace(
+        runs, measured={name: _remove_zero(complete_torques(run, inertia)) for name, run in runs.measured.items()}
+    )
 
 
-def _complete(run: Columns, inertia: float) -> Columns:
-    torque = run.get(CLUTCH_TORQUE)
-    if torque is None:
-        period = float(run["time_s"][1] - run["time_s"][0])
-        torque = run[_MOTOR_TORQUE] - inertia * gaussian_filter1d(run[_SLIP], _SMOOTH / period, order=1) / period
-    vented = find_vented(run)
+def complete_torques(run: Columns, inertia: float) -> Columns:
+    """Return a run with clutch or motor torque from the other one, where one is missing. inertia [kg m^2]."""
+    if len({CLUTCH_TORQUE, _MOTOR_TORQUE} & set(run)) != 1 or _SLIP not in run:
+        return run
+    period = float(run["time_s"][1] - run["time_s"][0])
+    turning = inertia * gaussian_filter1d(run[_SLIP], _SMOOTH / period, order=1) / period
+    if CLUTCH_TORQUE in run:
+        return {**run, _MOTOR_TORQUE: run[CLUTCH_TORQUE] + turning}
+    return {**run, CLUTCH_TORQUE: run[_MOTOR_TORQUE] - turning}
+
+
+def _remove_zero(run: Columns) -> Columns:
+    torque, vented = run[CLUTCH_TORQUE], find_vented(run)
     return {**run, CLUTCH_TORQUE: torque - (float(np.mean(torque[vented])) if np.any(vented) else 0.0)}

@@ -22,9 +22,9 @@ from protocols.files.runs import check_columns
 
 # Replacements of a missing sensor. docs/identify.md has results without each of them
 _INSTEAD = {
-    "clutch_torque_nm": "identify does without it where torque and speed demand of the motor were recorded",
-    "motor_speed_demand_rad_s": "identify does without it, discrepancy does not",
-    "motor_torque_nm": "identify does without it, discrepancy does not",
+    "clutch_torque_nm": "it may be missing if torque and speed demand of the motor were recorded",
+    "motor_speed_demand_rad_s": "it may be missing if the clutch torque was recorded",
+    "motor_torque_nm": "it may be missing if the clutch torque was recorded",
     "oil_temperature_degc": "without that sensor, set a `constant` temperature in the import map",
     "valve_voltage_v": "nothing else can take its place but the valve's current, by `scale` of the import map",
 }

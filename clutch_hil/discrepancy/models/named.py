@@ -1,5 +1,6 @@
 """Models by their name in `--rig`: that of a rig, an entry point in `clutch_hil.models`, or a class in a user's file."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, describe_error, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
-from protocols.files.runs import read_columns
 from protocols.input_file import check_file
 from protocols.renamed_methods import refuse_old_methods
 from protocols.user_file import load_user_file
@@ -32,7 +32,18 @@ _RENAMED = {
 
 def find_model(rig: str, changed: Path | None = None) -> Model:
     """Return the model `rig`, a name or PATH.py:CLASS, with the parameters of the model file `changed`. Raises InputError."""
-    made = _load_user_class(rig) if ".py" in rig else _find_installed_class(rig)
+    return _make_model(_load_user_class(rig) if ".py" in rig else _find_installed_class(rig), rig, changed)
+
+
+def find_models(rig: str, changed: Path | None = None) -> list[Model]:
+    """Return the model `rig` as `find_model` does, then others of the same rig, for runs that lack its inputs."""
+    models = [find_model(rig, changed)]
+    if rig in list_rigs() and find_rig(rig).clutch_model_at:
+        models.append(_make_model(find_rig(rig).clutch_model, rig, changed))
+    return models
+
+
+def _make_model(made: Callable[..., Model], rig: str, changed: Path | None) -> Model:
     try:
         model = made()
         if changed:
@@ -75,11 +86,6 @@ def list_required_columns(model: Model) -> tuple[str, ...]:
     if isinstance(model, Demanding):
         return model.run_columns
     return ("time_s", *model.inputs, *(output.column for output in model.outputs))
-
-
-def read_evidence(path: Path, model: Model) -> Columns:
-    """Read the columns of a run that can be compared with the model. Raises InputError naming the file and the error."""
-    return select_evidence(path, read_columns(path), model)
 
 
 def select_evidence(path: Path, run: Run, model: Model) -> Columns:

@@ -8,9 +8,11 @@ Not modelled    converters' rounding: fits use means over samples
 References      docs/rig.md
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from copy import copy
 from functools import lru_cache
 from math import ceil
+from typing import Self
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -24,6 +26,7 @@ from clutch_hil.fitting.noise import find_lattice
 from clutch_hil.identify.clutch_effects import SENSORS
 from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
 from clutch_hil.identify.logged_rows import estimate_timing, find_logged_rows
+from clutch_hil.identify.missing_torque import complete_torques
 from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
 from clutch_hil.identify.shaft_angle import complete_angle, integrate_slip, is_integrated
 from clutch_hil.recordings.checks.knowledge import Limits
@@ -41,7 +44,7 @@ _STEP = 5e-4  # s, see Integration
 _FINE = 1e-4  # s, step with springs in the drive, which were dimensioned for it
 _RATE = 2.0  # rate of piston and cylinder times step: accurate as well as stable (2.78)
 _RIGS = 8  # points that are simulated at the same time, on as many CPUs
-_SMOOTH = 3e-3  # s, standard deviation of the window that smooths measured pressure and slip before they drive a block
+SMOOTH = 3e-3  # s, standard deviation of the window that smooths measured pressure and slip before they drive a block
 _MOTOR_GAIN = 1.25  # of the motor's limit: largest reading of its channel, for a gain error of a quarter, and noise
 _COLDEST = -40.0  # degC of the oil: a climatic chamber
 _HEATED = 60.0  # K above the sump: runs heat the oil by 10 K; 55 degC, the coldest of the battery, are 131 degF
@@ -78,6 +81,8 @@ class WetClutch:
     # Half the stated uncertainty: the battery's rigs deviate by 0.15 of it (standard deviation). With a larger share, more of
     # valve_gain, friction_level, return_spring_change, clearance_change ... counts as calibration.
     calibration = 0.5
+    no_hooks: frozenset[int] = frozenset()  # hooks of the simulator at which this model calls no effects
+    may_lack: tuple[str, ...] = ("clutch_torque_nm", "motor_torque_nm", "oil_temperature_degc")
     identification = "clutch-hil identify RUN... --out FOLDER"
     # 12 s of six profiles of a sound rig were logged. At 500 Hz six of six lacked nothing, at 200 Hz five, at 100 Hz four, at
     # 50 Hz two, and none got a wrong name; at 20 Hz two of three did
@@ -114,10 +119,10 @@ class WetClutch:
         self._rig = lru_cache(_RIGS)(self._make_rig)
 
     def _offer_candidates(self) -> tuple[Candidate, ...]:
-        """Return the effects of the catalogue that are off."""
+        """Return the effects of the catalogue that are off, and that this model can simulate."""
         plug_ins = catalogue()
         on = {name for name in plug_ins if any(self._whole[n].value != off for n, off in plug_ins[name].switches)}
-        offered = [e for n, e in plug_ins.items() if e.candidate and n not in on]
+        offered = [e for n, e in plug_ins.items() if e.candidate and n not in on and set(e.laws) - self.no_hooks]
         for each in offered:
             check_start(each, [output.column for output in self.outputs])
         return tuple(Candidate.of(each) for each in offered)
@@ -172,9 +177,15 @@ class WetClutch:
         """See `Redundant`: the shaft's angle is the integral of the slip, because the other shaft stands still."""
         return {"shaft_angle_rad": ("slip_speed_rad_s", integrate_slip(run, run["shaft_angle_rad"][0]))}
 
+    def without(self, missing: Collection[str]) -> Self:
+        """See `Reducible`. One of both torques must be there: the other one is estimated where a run begins."""
+        model = copy(self)
+        model.outputs = tuple(output for output in self.outputs if output.column not in missing)
+        return model
+
     def complete_run(self, run: Columns) -> Columns:
-        """See `Completing`: the shaft's angle of a rig without an encoder."""
-        return complete_angle(run)
+        """See `Completing`: the shaft's angle of a rig without an encoder; a missing torque, by the balance of the motor."""
+        return complete_torques(complete_angle(run), self._whole["motor.inertia"].si)
 
     def find_derived(self, run: Columns) -> dict[str, str]:
         """See `Completing`."""
@@ -200,7 +211,8 @@ class WetClutch:
             return {}
         intervals: dict[str, tuple[float, float, float]] = {}
         rounding, reasons = {}, []
-        for column, group, parameter in _CONVERTED:
+        outputs = {output.column for output in self.outputs}
+        for column, group, parameter in (one for one in _CONVERTED if one[0] in outputs):
             volt = self._whole[f"sensors.{group}_sensitivity"].value  # in the unit of the column
             seen = np.array([find_lattice(run[column] * volt) for run in runs])
             levels = 2.0 ** self._whole[f"sensors.{group}_bits"].value
@@ -225,7 +237,7 @@ class WetClutch:
         start = find_initial_state(rig, columns, period, float(limit[0]))
         inputs = [columns[name] for name in self.inputs]
         if driven:
-            width = _SMOOTH / period
+            width = SMOOTH / period
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
             inputs += [pressure, gaussian_filter1d(columns["slip_speed_rad_s"], width)]
         else:

@@ -11,10 +11,12 @@ Equation        r: measured minus simulated, in means over 4 ms. A missing torqu
                   <d d'>, d = r of M_m + k_p r of omega + k_i integral of it: the motor's own law (docs/rig.md, 8)
                 <x_2 x_2'>, <d d'>: minus the power of the noise; <x_1 x_1'>, <x_3 x_3'>: at a lag of 12 ms, of x_1 minus that
                 of noise alone
+                with one torque sensor alone, x its residual:  H = <x_1 x>, F = <x x'> - H
                 a gain difference between x_2 and x_3 within the sensors' data sheets is removed
                 temperature: r minus the heating by x_2 times slip (docs/rig.md, 7)
 Assumptions     the noises of two sensors are independent; the friction block is nearly linear in the error of the pressure
-Not modelled    a fault in one channel of a shared converter is attributed to that sensor here
+Not modelled    with one torque sensor, its faults, and those of the drive in x_3, are attributed to the friction
+                a fault in one channel of a shared converter is attributed to that sensor here
 """
 
 from collections.abc import Callable
@@ -62,25 +64,6 @@ def locate(
     `friction` simulates the friction block alone, `parameters` are the baseline's with their uncertainties, `values` the
     simulated ones.
     """
-    torque_of = _compute_friction(friction, run, shown)
-    noise = floors[PRESSURE] * np.random.default_rng([_SEED, number]).standard_normal(len(r[PRESSURE]))
-    x1, alone = average(torque_of(r[PRESSURE]), run), average(torque_of(noise), run)
-    period = compute_period(run)
-    slip = _align_in_time(r[SLIP], np.gradient(shown[SLIP], period), period)
-    inertia, gain, rate = (values[f"motor.{n}"] for n in ("inertia", "proportional_gain", "integral_gain"))
-    # the encoder's angle has no noise to be integrated; each simulated slip is the mean over the sample that ends with it
-    turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - shown[SLIP][0])
-    law = r[MOTOR] + gain * slip + rate * turned
-    law = _remove_slow_part(law, period)
-    x2, p, d = average(r[TORQUE], run), average(r[PRESSURE], run), average(law, run)
-    turning = inertia * np.gradient(average(slip, run), MEAN)
-    x3 = average(r[MOTOR], run) - turning
-    x3 = _make_alike(x2, x3, average(shown[TORQUE], run), _list_gains(parameters))
-    heat = _compute_heating(r[TORQUE] * np.abs(run[SLIP]), values, period)
-    celsius = average(r[CELSIUS] - heat, run)
-    celsius = celsius - celsius.mean()
-    common = x2 * x3
-    h = 0.5 * (x1 * x2 + x1 * x3)
     run_sources: list[RunSource] = []
 
     def add(
@@ -92,8 +75,17 @@ def locate(
             RunSource(block, column, (product(LAG) if square is None else square) + rest, tested, residual)
         )
 
-    nothing = np.zeros_like(x2)
-    add(HYDRAULICS, TORQUE, x1, lambda lag: nothing, h)
+    torque_of = _compute_friction(friction, run, shown)
+    noise = floors[PRESSURE] * np.random.default_rng([_SEED, number]).standard_normal(len(r[PRESSURE]))
+    x1, alone = average(torque_of(r[PRESSURE]), run), average(torque_of(noise), run)
+    period = compute_period(run)
+    nothing = np.zeros_like(x1)
+    x2, p = average(r[TORQUE], run) if TORQUE in r else None, average(r[PRESSURE], run)
+    x3 = _balance_motor(run, r, shown, values) if MOTOR in r else None
+    if x2 is not None and x3 is not None:
+        x3 = _make_alike(x2, x3, average(shown[TORQUE], run), _list_gains(parameters))
+    h = np.mean([x1 * x for x in (x2, x3) if x is not None], axis=0)
+    add(HYDRAULICS, TORQUE if x2 is not None else MOTOR, x1, lambda lag: nothing, h)
     # in bar^2, by the block's own gain for noise
     slope = float(np.mean(alone**2)) / max(float(np.mean(average(noise, run) ** 2)), 1e-300)
     # plates that never touch convert no pressure into torque: x_1 then gives no information on the pressure sensor
@@ -102,12 +94,53 @@ def locate(
     well = gain * average(well.astype(float), run)
     add(SENSORS, PRESSURE, p, lambda lag: (compute_products(x1, lag) - compute_products(alone, lag)) * well, -h * well)
     add(HYDRAULICS, PRESSURE, p, lambda lag: compute_products(p, lag), nothing, free(p, r[PRESSURE], run))
-    add(FRICTION, TORQUE, x2, lambda lag: nothing, common - h)
-    add(SENSORS, TORQUE, x2, lambda lag: compute_products(x2, lag), -common, free(x2, r[TORQUE], run))
-    add(DRIVE, MOTOR, x3, lambda lag: compute_products(x3, lag), -common)
-    add(DRIVE, MOTOR, d, lambda lag: compute_products(d, lag), nothing, free(d, law, run))
-    add(FRICTION, CELSIUS, celsius, lambda lag: compute_products(celsius, lag), nothing, free(celsius, r[CELSIUS], run))
+    if x2 is not None and x3 is not None:
+        common = x2 * x3
+        add(FRICTION, TORQUE, x2, lambda lag: nothing, common - h)
+        add(SENSORS, TORQUE, x2, lambda lag: compute_products(x2, lag), -common, free(x2, r[TORQUE], run))
+        add(DRIVE, MOTOR, x3, lambda lag: compute_products(x3, lag), -common)
+    elif x2 is not None:
+        add(FRICTION, TORQUE, x2, lambda lag: compute_products(x2, lag), -h, free(x2, r[TORQUE], run))
+    elif x3 is not None:
+        add(FRICTION, MOTOR, x3, lambda lag: compute_products(x3, lag), -h)
+    if MOTOR in r:
+        law = _apply_motor_law(run, r, shown, values)
+        d = average(law, run)
+        add(DRIVE, MOTOR, d, lambda lag: compute_products(d, lag), nothing, free(d, law, run))
+    if CELSIUS in r:
+        heat = _compute_heating(r[TORQUE] * np.abs(run[SLIP]), values, period) if TORQUE in r else 0.0
+        celsius = average(r[CELSIUS] - heat, run)
+        celsius = celsius - celsius.mean()
+        add(
+            FRICTION,
+            CELSIUS,
+            celsius,
+            lambda lag: compute_products(celsius, lag),
+            nothing,
+            free(celsius, r[CELSIUS], run),
+        )
     return run_sources
+
+
+def _balance_motor(run: Columns, r: Columns, shown: Columns, values: Values) -> np.ndarray:
+    """Return x_3 (means,) [Nm]."""
+    turning = values["motor.inertia"] * np.gradient(average(_find_slip_error(run, r, shown), run), MEAN)
+    return average(r[MOTOR], run) - turning
+
+
+def _apply_motor_law(run: Columns, r: Columns, shown: Columns, values: Values) -> np.ndarray:
+    """Return d (n,) [Nm] without its slow part."""
+    period = compute_period(run)
+    # the encoder's angle has no noise to be integrated; each simulated slip is the mean over the sample that ends with it
+    turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - shown[SLIP][0])
+    gain, rate = (values[f"motor.{n}"] for n in ("proportional_gain", "integral_gain"))
+    return _remove_slow_part(r[MOTOR] + gain * _find_slip_error(run, r, shown) + rate * turned, period)
+
+
+def _find_slip_error(run: Columns, r: Columns, shown: Columns) -> np.ndarray:
+    """Return the residual of the slip (n,) [rad/s], aligned in time."""
+    period = compute_period(run)
+    return _align_in_time(r[SLIP], np.gradient(shown[SLIP], period), period)
 
 
 def _compute_friction(friction: Friction, run: Columns, shown: Columns) -> Callable[[np.ndarray], np.ndarray]:

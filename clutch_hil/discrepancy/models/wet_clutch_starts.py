@@ -21,6 +21,7 @@ _SENSITIVITIES = {  # V per unit of the column, by the column of a converted cha
     "motor_torque_nm": "sensors.motor_torque_sensitivity",
     "clutch_torque_nm": "sensors.clutch_torque_sensitivity",
 }
+_INSTEAD = {"clutch_torque_nm": "motor_torque_nm"}  # where that sensor is missing: the torque that drives the clutch
 
 Values = dict[str, float]  # of a candidate's parameters, by dotted name, each in its declared unit
 
@@ -55,11 +56,16 @@ def suggest_values(
 def _find_strongest_order(
     start: StrongestOrder, candidate: Candidate, run: Columns, residuals: Columns
 ) -> list[Values]:
-    """Return the order with the largest amplitude in the residual over the shaft's angle; [] for a shaft that hardly turns.
+    """Return the order with the largest amplitude in the residual over the shaft's angle.
+
+    [] for a shaft that hardly turns, and where the sensor is missing.
 
     Equation        line(k) = 2 sum(b r exp(-i k theta))/sum(b^2),  r the residual, b the reference of a relative ripple, else 1
     """
-    angle, speed, residual = run["shaft_angle_rad"], run["slip_speed_rad_s"], residuals[start.column]
+    column = start.column if start.column in residuals else _INSTEAD.get(start.column, "")
+    if column not in residuals:
+        return []
+    angle, speed, residual = run["shaft_angle_rad"], run["slip_speed_rad_s"], residuals[column]
     base = run[start.share_of] if start.share_of else np.ones_like(residual)
     used = (np.abs(speed) > _TURNING) & (np.abs(base) > _LOADED * np.max(np.abs(base)))
     if np.count_nonzero(used) < _ENOUGH:

@@ -67,7 +67,7 @@ def test_a_subject_without_an_output_compares_the_rest() -> None:
 @pytest.mark.parametrize("lacking", ["motor_torque_nm", "motor_speed_demand_rad_s"])
 def test_without_both_torques_or_a_demand_it_is_refused(lacking: str) -> None:
     with pytest.raises(
-        InputError, match="run 1 lacks the column clutch_torque_nm; identify does without it where torque and speed"
+        InputError, match="run 1 lacks the column clutch_torque_nm; it may be missing if torque and speed"
     ):
         identify_clutch([play("engagement", 3, CLUTCH_TORQUE, lacking)])
 
