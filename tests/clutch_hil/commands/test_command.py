@@ -44,7 +44,7 @@ def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> Non
         (("simulate", "--workers"), "option '--workers' requires an argument"),
         (("simulate", "--worker", "2"), "simulate: no such option: --worker"),
         (("convert", "a.parquet"), "convert: missing argument 'target'"),
-        (("convert", "a.csv", "b.csv", "c.csv"), "convert: got unexpected extra argument(s) (c.csv)"),
+        (("convert", "a.csv", "b.csv", "c.csv"), "convert: unexpected word: c.csv"),
         (("effects", "--write"), "option '--write' requires an argument"),
         (("simulat",), "clutch-hil: no such command 'simulat'; did you mean 'simulate'; "),
         (("--nosuch",), "clutch-hil: no such option: --nosuch; "),
