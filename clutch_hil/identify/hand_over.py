@@ -26,7 +26,7 @@ from protocols.can.two_clutches import CLUTCHES
 
 HAND_OVER = "hand-over"  # `where` of its quantities
 _MEAN = 0.02  # s, averaging time: the noise of a torque is then 11 mNm at 1 kHz
-_MOST, _LEAST = 0.95, 0.05  # shares of the torque of both clutches: a transmits all, or nothing
+_MOST = 0.95  # share of the torque of both clutches: with more, one transmits all
 # Least output torque, as a share of the motor's largest torque: a twentieth of what the shipped shift hands over
 _LEAST_SHARE = 0.05
 _LEAST_SLIP = 0.5  # rad/s: below it plates may stick, and the maps do not apply
