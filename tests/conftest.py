@@ -189,6 +189,8 @@ def pytest_configure(config: pytest.Config) -> None:
     ):  # begun in the background of a shell; services would inherit that
         signal.signal(signal.SIGINT, signal.default_int_handler)
     whole = not config.option.markexpr  # a part, as of `make quick`, has the kernels beside the sources, from before
+    if not whole:
+        sys.dont_write_bytecode = False  # pytest's form of the tests stays for the next time: 12 s of CPU time a worker
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None) and whole:
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
         record = os.environ[first_start.RECORD] = f"{config.stash[_KERNELS]}/first_start.json"
