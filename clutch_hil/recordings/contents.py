@@ -9,6 +9,7 @@ import numpy as np
 
 from clutch_hil.recordings.channel import NO_VALUES, TIME_NAMES, Channel, Recording, name_first, simplify_unit
 from clutch_hil.recordings.foreign_column import UNITS, can_become, is_absolute, offset_air
+from clutch_hil.recordings.stated_rate import list_stated_rates
 from clutch_hil.recordings.time_axis import EPOCH_S
 from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
@@ -124,6 +125,9 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
     Whole numbers with steps of one and more and no unit in the file are more likely ms than s: the user decides.
     """
     if clock is None:
+        if stated := list_stated_rates(recording.numbers, recording.channels)[:1]:
+            remark = f"by the file, {_format_comment(str(stated[0]))}: check this"
+            return f"time_s = {{ rate_hz = {stated[0].rates[0]:.12g} }}  # {remark}"
         return (
             '# time_s = { from = "", unit = "s" }  # no column is called time or has its unit: name it, or set rate_hz'
         )

@@ -265,6 +265,7 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
             raise InputError(
                 f"recording {path}: {channel.name!r} for {name} is in {channel.unit!r} by the file, which is unknown, and in"
                 f" {source.unit} by the map; set unit_from = 'map', and scale and offset where its numbers need them"
+                f"{', or rate_hz where it counts rows' if name == 'time_s' else ''}"
             ) from None
         notes.append(f"{channel.name}: the file's unit {channel.unit!r} is unknown; the map's counts, {source.unit}")
         return source.unit

@@ -19,14 +19,19 @@ _RATE = re.compile(
     rf"(?:.* )?(?:{_TAKEN} ?(?:rate|freq\w*)|abtast ?(?:rate|frequenz)|messrate|fs)(?P<rest>(?: .*)?)|rate(?P<hertz>(?: k?hz)?)"
 )
 _PERIOD = re.compile(
-    rf"(?:.* )?(?:{_TAKEN} ?(?:time|interval|period|step)|time ?step|delta ?[tx]|abtast ?(?:zeit|intervall|periode)"
-    r"|messintervall)(?P<rest>(?: .*)?)|(?:dt|ts|tinterval)(?P<seconds>(?: [munµ]?s)?)"
+    rf"(?:(?:.* )?(?:{_TAKEN} ?(?:time|interval|period|step)|time ?step|delta ?[tx]|abtast ?(?:zeit|intervall|periode)"
+    r"|messintervall|(?:[htx]|time|horiz(?:ontal)?) ?(?:incr?|increment|interval)|h ?resolution)|increment)"
+    r"(?P<rest>(?: .*)?)|(?:dt|ts|tinterval)(?P<seconds>(?: [munµ]?s)?)|(?:clock|interval)(?P<stated> [munµ]?s)"
 )
-_HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6}
+_HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "ghz": 1e9}
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
 _UNKNOWN_HERTZ = [1.0, 1e3]  # possible units of a rate without unit, in Hz
 _UNKNOWN_SECONDS = [1.0, 1e-3, 1e-6]  # possible units of a period without unit, in s
-_VALUE = re.compile(r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(k?Hz|[munµ]?s|m?sec)")  # a number with its unit in one text
+# A number with its unit in one text: oscilloscopes write rates as 2.5MSa/s
+_VALUE = re.compile(
+    r"(?P<number>[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*"
+    r"(?:(?P<prefix>[kKMG]?)(?:Hz|S(?:a|amples?)?/s(?:ec)?)|(?P<period>[munµ]?[sS]|m?sec))"
+)
 _VALUES = (1e-30, 1e30)  # range of rates and periods
 _SAME = 0.01  # relative tolerance of a rate, for errors of a clock and rounded numbers
 
@@ -58,7 +63,7 @@ def read_stated_rate(name: str, value: float) -> StatedRate | None:
         factors = [_HERTZ[unit]] if unit else _UNKNOWN_HERTZ
         return StatedRate(name, f"{value * factors[0]:g} Hz", [value * factor for factor in factors])
     if match := _PERIOD.fullmatch(words):
-        unit = _find_unit(match["rest"] or match["seconds"] or "", _SECONDS)
+        unit = _find_unit(match["rest"] or match["seconds"] or match["stated"] or "", _SECONDS)
         factors = [_SECONDS[unit]] if unit else _UNKNOWN_SECONDS
         return StatedRate(name, f"{value * factors[0]:g} s", [1.0 / (value * factor) for factor in factors])
     return None
@@ -83,9 +88,10 @@ def is_rate_name(name: str) -> bool:
 
 def split_value(name: str, text: str) -> tuple[str, float] | None:
     """Return name with unit, and number, of a rate written as `10 ms` or `2 kHz`; None for other texts."""
-    match = _VALUE.fullmatch(text.strip()) if len(text) <= _LONGEST_NAME and is_rate_name(name) else None
+    match = _VALUE.fullmatch(text.strip()) if len(text) <= _LONGEST_NAME else None
     try:
-        return (f"{name} [{match[2]}]", float(match[1])) if match else None
+        named = f"{name} [{(match['period'] or '').lower() or match['prefix'] + 'Hz'}]" if match else ""
+        return (named, float(match["number"])) if match and is_rate_name(named) else None
     except ValueError:  # 1.2.3
         return None
 
@@ -94,7 +100,7 @@ def _split(name: str) -> str:
     """Return the words of the last part of a name, in lower case, separated by blanks."""
     last = name[-_LONGEST_NAME:].rpartition("/")[2]
     words = " ".join(_WORDS.split(last)).strip().lower()
-    return re.sub(r"\b([km]) hz\b", r"\1hz", words)
+    return re.sub(r"\b([kmg]) hz\b", r"\1hz", words)
 
 
 def _find_unit(words: str, units: Mapping[str, float]) -> str:

@@ -177,8 +177,8 @@ def _describe_strangers(reading: Reading, signal: Signal, name: str, clock: Chan
 def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[str]) -> None:
     """Check the map's unit of a time axis (n,) [s] for which the file states none.
 
-    Raises InputError where a rate that the file states fits only in another unit. Whole numbers with steps of a second and
-    more, which may be ms, are noted.
+    Raises InputError where a rate that the file states fits only in another unit, or shows that the axis counts rows. Whole
+    numbers with steps of a second and more, which may be ms, are noted.
     """
     step = float(np.median(np.diff(axis))) if np.isfinite(axis).all() else 0.0
     unit = reading.sources["time_s"].unit
@@ -201,6 +201,13 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
                 f"recording {reading.path}: {clock.path!r} for time_s rises by {seconds:g} a row, in {unit} by the map,"
                 f" and by the file {stated}; set unit = {other!r}, or unit_from = 'map' where the file is wrong"
             )
+    counts = axis / to_si(1.0, unit)
+    if rates and np.allclose(np.diff(counts), 1.0, rtol=0.0, atol=1e-6):
+        raise InputError(
+            f"recording {reading.path}: {clock.path!r} for time_s rises by 1 a row, in {unit} by the map, and by the file"
+            f" {rates[0]}: it counts rows, perhaps; set time_s = {{ rate_hz = {rates[0].rates[0]:g} }}, or"
+            " unit_from = 'map' where the file is wrong"
+        )
     whole = np.all(axis == np.rint(axis)) and not _ROWS.fullmatch(clock.name)
     if unit == "s" and step >= _LONG_STEP and whole:
         notes.append(

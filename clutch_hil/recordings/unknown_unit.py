@@ -10,11 +10,11 @@ from clutch_hil.recordings.channel import says_absolute, simplify_unit
 from protocols.errors import InputError
 from protocols.files.units import contradict, have_same_quantity
 
-# Words for raw numbers of a converter, an encoder or a timer, and for factors
+# Words for raw numbers of a converter, an encoder or a timer, for numbers of rows, and for factors
 _RAW = (
     "adc", "adu", "bits", "cnt", "cnts", "code", "codes", "count", "counts", "digit", "digits", "dn", "hex", "imp", "impulse",
-    "inc", "incr", "increments", "ink", "inkremente", "kilo", "lsb", "mega", "micro", "milli", "pulse", "pulses", "raw", "roh",
-    "ticks",
+    "inc", "incr", "increments", "index", "ink", "inkremente", "kilo", "lsb", "mega", "micro", "milli", "point", "points",
+    "pulse", "pulses", "raw", "roh", "row", "rows", "sample", "samples", "sequence", "ticks",
 )  # fmt: skip
 _FACTOR = re.compile(r"[0-9%‰⁰-⁹]")
 _EXPONENT = re.compile(r"(?<=[A-Za-z)])(?:\^?-?[1-4]|\^\(-?[1-4]\))(?![0-9])")  # exponent, as in lbm/ft3

@@ -15,6 +15,7 @@ _MISSING = (
     "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!", "#name?", "#null!", "1.#qnan", "-1.#ind", "1.#ind",
     "nan(ind)", "-nan(ind)", "1.#snan", "missing", "invalid", "no data", "nodata", "<na>", "nat", "undef", "\u2013", "\u2014",
     "\u2212", "----", "-----", "-.-", "-.--", "--.--", "---.--", "***", "****", "*****", "####", "#####", "########",
+    "\u221e", "-\u221e", "+\u221e", "1.#inf", "-1.#inf", "+1.#inf",
 )  # fmt: skip
 _FLAGS = {
     **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero"), 1.0),

@@ -32,12 +32,15 @@ def judge_columns(rows: Sequence[Sequence[str]], width: int, cells: Cells, wante
             columns.append(Column("time", wanted))
             wanted = None
         else:
-            columns.append(_judge(present, cells))
+            columns.append(_judge(present, len(rows), cells))
     return columns
 
 
-def _judge(present: Sequence[str], cells: Cells) -> Column:
-    """What a column with these cells, none of them missing, is."""
+def _judge(present: Sequence[str], rows: int, cells: Cells) -> Column:
+    """What a column with these cells, none of them missing, is. rows: of all cells.
+
+    Words and numbers in a few rows are remarks beside the rows, as Tektronix has its settings beside the first ones.
+    """
     numbers = sum(map(cells.is_number, present))
     if present and all(map(cells.is_marked_hexadecimal, present)):
         return Column("number", hexadecimal=True)
@@ -45,7 +48,7 @@ def _judge(present: Sequence[str], cells: Cells) -> Column:
         return Column("text", hexadecimal=True)
     if numbers < len(present) and all(cells.is_flag(value) or value in ("0", "1") for value in present):
         return Column("status")
-    if 2 * numbers >= len(present):
+    if 2 * numbers >= len(present) and (numbers == len(present) or 2 * len(present) > rows):
         return Column("number")
     if unit := _find_unit(present, cells):
         return Column("number", unit=unit)

@@ -2,18 +2,23 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from clutch_hil.recordings.channel import is_time_name
-from clutch_hil.recordings.stated_rate import split_value
-from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.footer import STATISTIC
 from clutch_hil.recordings.text.lines import RUNS, Line, split
+from clutch_hil.recordings.text.stated_numbers import (
+    list_common,
+    list_numbers,
+    list_pairs,
+    list_scalings,
+    take_numbers_beside,
+)
 from clutch_hil.recordings.unit_in_name import is_unit, split_unit, strip_brackets
 from protocols.errors import InputError
 
@@ -23,7 +28,6 @@ _JUDGED_UNITS = 30  # cells that tell a line of units: an unknown unit costs a m
 _FEWEST_ROWS = 10  # lines of numbers in one that follow each other and are a recording: fewer are a table of a preamble
 _MOST_LISTED = 2000  # lines above the names that may list channels: as many as are looked at
 _MOST_REMARKS = 20  # lines above the names that are kept
-_LONGEST_REMARK = 200  # characters of one in which a number is looked for
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
 _ENTRY = re.compile(r"\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman
 # Names of types of numbers: of ETAS, LabVIEW, IEC 61131-3, NumPy and C. A line of them tells how a tool keeps its columns
@@ -42,7 +46,6 @@ _ROW_NAME = re.compile(
     r"(sample|index|row|no\.?|nr\.?|point|scan|zeile|#)", re.IGNORECASE
 )  # of a column that counts rows
 _UNUSED_NAME = "Comment"  # the last name of LabVIEW's .lvm, for which most rows have no cell
-_REMARK = re.compile(r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?P<value>\S.*?)[\s;,]*")
 
 
 @dataclass(frozen=True)
@@ -93,18 +96,22 @@ def find_headings(
         counted and top and (row := _add_name_of_rows(above[-1], width, delimiter))
     ):  # R gives the names of the rows none
         rows[top - 1] = row
-    paired = _part_pairs(rows) if options.get("header", True) and "units_row" not in options else None
-    if paired:
-        names, units = paired
+    beside, others = take_numbers_beside(above, widths[0], delimiter, cells)
+    rows |= {number: [*row, *[""] * (width - len(row))] for number, row in others.items()}
+    sought = options.get("header", True) and "units_row" not in options
+    paired = _part_pairs(rows) if sought else None
+    found = paired or (_find_above_numbers(rows, others, top) if sought else None)
+    if found:
+        names, units = found
     elif options.get("units_row"):
         units = _find_line(path, above, rows, options["units_row"], width)
-    elif options.get("header", True) and "units_row" not in options:
+    elif sought:
         near = _list_nearest(top, rows, cells)
         units = next((n for n in near if _are_units(rows[n]) and not _are_types(rows[n])), None)
         if units is None:  # `Y_Unit_Label` of LabVIEW stands further above the names
             labelled = (n for n in range(top - 1, max(top - 1 - _MOST_REMARKS, -1), -1) if _is_label(rows[n][:1]))
             units = next((n for n in labelled if _are_units(rows[n])), None)
-    if options.get("header", True) and not paired:
+    if options.get("header", True) and not found:
         names = _find_names(above, rows, units, cells, widths[0])
         if names is None:
             numbered = None if units is None else _find_numbered_names(rows, units, cells)
@@ -134,12 +141,13 @@ def find_headings(
     return Headings(
         *parts[:2],
         [own or listed.get(name, "") for name, own in zip(parts[0], parts[2], strict=True)],
-        _list_numbers(remarks, cells)
-        | (_list_pairs(rows, cells) if paired else _list_common([rows[n] for n in rows if n not in used], cells)),
+        list_numbers([line for number, line in enumerate(above) if number not in used], cells)
+        | (list_pairs(rows, cells) if paired else list_common([rows[n] for n in rows if n not in used], cells))
+        | beside,
         notes,
         int(units is not None),
         _list_firsts(above, used, delimiter, cells),
-        _list_scalings(rows, width, paired is not None, cells),
+        list_scalings(rows, width, paired is not None, cells),
     )
 
 
@@ -205,6 +213,15 @@ def _find_names(
     return max([usual, *reversed(together)], key=lambda n: len(set(rows[n]) - {""}))
 
 
+def _find_above_numbers(
+    rows: Mapping[int, Sequence[str]], others: Mapping[int, Sequence[str]], top: int
+) -> tuple[int, int | None] | None:
+    """The last lines above the rows, of names and units, where these have numbers beside them: see `take_numbers_beside`."""
+    if top - 1 not in others or top - 2 not in others:
+        return None
+    return top - 2, top - 1 if any(map(is_unit, rows[top - 1])) else None
+
+
 def _find_numbered_names(rows: Mapping[int, Sequence[str]], units: int, cells: Cells) -> int | None:
     """The line above the units, where it is a name and then the numbers of channels, as `x-axis,1,2` of Keysight."""
     row = rows.get(units - 1, [])
@@ -234,28 +251,6 @@ def _part_pairs(rows: dict[int, list[str]]) -> tuple[int, int | None] | None:
         rows[units][::2] = [""] * (len(rows[units]) // 2)
         units = units if any(rows[units]) else None
     return names, units
-
-
-def _list_scalings(rows: Mapping[int, Sequence[str]], width: int, paired: bool, cells: Cells) -> list[str]:
-    """Factors and offsets of each column, of lines with such a label before their numbers, or before each of them."""
-    lines = [row for row in rows.values() if len(row) == width > 1 and is_scaling(row[0])]
-    labelled = [row for row in lines if all(map(cells.is_number, row[1 :: 1 + paired]))]
-    return [
-        describe_scaling((row[0], cells.read_number(row[n])) for row in labelled if cells.is_number(row[n]))
-        for n in (range(width) if labelled else ())
-    ]
-
-
-def _list_pairs(rows: Mapping[int, Sequence[str]], cells: Cells) -> dict[str, float]:
-    """Numbers that all columns have in common, as `SampleTime[ms],10,SampleTime[ms],10`."""
-    common = [row for row in rows.values() if row and set(row[::2]) == {row[0]} and len({*row[1::2]}) == 1]
-    return {row[0]: cells.read_number(row[1]) for row in common if cells.is_number(row[1])}
-
-
-def _list_common(rows: Iterable[Sequence[str]], cells: Cells) -> dict[str, float]:
-    """Numbers that all columns have in common, in lines above the rows, as `Delta_X,0.01,0.01` of LabVIEW."""
-    common = [(row[0], {*row[1:]} - {""}) for row in rows if len(row) > 2 and row[0] and not cells.is_number(row[0])]
-    return {name: cells.read_number(*one) for name, one in common if len(one) == 1 and all(map(cells.is_number, one))}
 
 
 def _add_name_of_rows(line: Line, width: int, delimiter: str) -> list[str]:
@@ -390,15 +385,3 @@ def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str],
             unit = ""
         parted.append(strip_brackets(unit) or own)
     return plain, texts, parted
-
-
-def _list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
-    """Numbers of lines such as `Sample rate [Hz]: 100`."""
-    numbers: dict[str, float] = {}
-    for line in lines[:_MOST_REMARKS]:
-        match = _REMARK.fullmatch(line.text[:_LONGEST_REMARK])
-        if match and cells.is_number(value := match["value"].strip('"')):
-            numbers[match["key"].strip(' "')] = cells.read_number(value)
-        elif match and (rate := split_value(match["key"].strip(' "'), match["value"].strip('"'))):
-            numbers[rate[0]] = rate[1]
-    return numbers

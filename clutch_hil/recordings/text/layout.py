@@ -278,7 +278,7 @@ def _is_labelled(number: int, rows: Sequence[Sequence[str]], columns: Sequence[C
     The first row may have one, too: `trace_values,0.00,1.5` of ControlDesk, whose time goes on in the rows below.
     """
     width = len(columns)
-    after = [row for row in rows[number + 1 : number + 1 + _FOLLOW] if len(row) == width]
+    after = [row for row in rows[number + 1 :] if len(row) == width]
     empty = sum(cells.is_missing(row[0]) for row in after)
     if columns[0].kind != "text" or cells.is_missing(rows[number][0]) or len(after) < 2:
         return False

@@ -9,7 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 from nptdms import ChannelObject, GroupObject, TdmsWriter
 
-from clutch_hil.recordings.stated_rate import read_stated_rate
+from clutch_hil.recordings.contents import draft_map
+from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.stated_rate import read_stated_rate, split_value
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 60
@@ -169,3 +171,84 @@ def test_a_time_without_end_is_refused_in_a_sentence(tmp_path: Path, cell: str) 
 @pytest.mark.parametrize("value", [0.0, -1.0, 1e-320, 1e308, float("inf")])
 def test_a_number_that_is_no_rate_tells_none(value: float) -> None:
     assert read_stated_rate("sample_rate", value) is read_stated_rate("dt", value) is None
+
+
+RIGOL = "X,torque,Start,Increment,\nSequence,Volt,-3.0E-01,1.0E-02,"
+RIGOL_BARE = "torque,t0 = -3.0E-01,tInc = 1.0E-02,"
+SIGLENT = "Sample Interval,Analog:1.0E-02\nVertical Units,CH1:V\nSource,CH1\ncount,torque"
+LMS = "Number of points,60\nIncrement,0.01\ncount,torque"
+HANTEK = "#CHANNEL:CH1\n#CLOCK=10.0mS\n#SIZE=60\ncount,torque"
+YOKOGAWA = '"TraceName",torque\n"VUnit",V\n"SampleRate",100\n"HResolution",0.01\n"HUnit",s\n"Date",2024/03/05'
+
+
+def write_below(tmp_path: Path, head: str, lead: str, end: str = "") -> Path:
+    """Rows without times below the lines `head` of an oscilloscope. lead: before each row, with its number for {}."""
+    rows = (f"{lead.format(row)}{torque:.4f}{end}" for row, torque in enumerate(TORQUE))
+    path = tmp_path / "recording.csv"
+    path.write_text("\n".join([head, *rows, ""]))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("head", "lead", "end", "name"),
+    [
+        (RIGOL, "{},", ",", "Increment"),
+        (RIGOL, "{},", "", "Increment"),
+        (RIGOL, "{},", ",,", "Increment"),
+        (RIGOL_BARE, "", ",", "tInc"),
+        (SIGLENT, "{},", "", "Sample Interval"),
+        (LMS, "{},", "", "Increment"),
+        (HANTEK, "{},", "", "CLOCK [ms]"),
+        (YOKOGAWA, ",", "", "SampleRate"),
+    ],
+)
+def test_the_rate_in_the_head_of_an_oscilloscope_is_compared(
+    tmp_path: Path, head: str, lead: str, end: str, name: str
+) -> None:
+    path = write_below(tmp_path, head, lead, end)
+    columns = (
+        '[columns]\ntime_s = {{ rate_hz = {} }}\ntorque_nm = {{ from = "torque", unit = "Nm", unit_from = "map" }}\n'
+    )
+    assert f"{DOUBT}: {name} is" in find_refusal(tmp_path, path, columns.format(1000.0))
+    run = import_by(tmp_path, path, columns.format(100.0))
+    np.testing.assert_allclose(run["torque_nm"], TORQUE)
+    np.testing.assert_allclose(run["time_s"], 0.01 * np.arange(ROWS))
+
+
+def test_a_number_of_the_row_is_refused_as_time_where_the_file_states_a_rate(tmp_path: Path) -> None:
+    path = write_below(tmp_path, LMS, "{},")
+    sentence = find_refusal(tmp_path, path, make_map('from = "count", unit = "s"'))
+    assert "'count' for time_s rises by 1 a row, in s by the map, and by the file Increment is 0.01 s" in sentence
+    assert "set time_s = { rate_hz = 100 }" in sentence
+    path = write_below(tmp_path, RIGOL, "{},")
+    assert "rate_hz where it counts rows" in find_refusal(tmp_path, path, make_map('from = "X", unit = "s"'))
+
+
+def test_a_draft_proposes_the_rate_that_the_file_states(tmp_path: Path) -> None:
+    path = write_below(tmp_path, RIGOL, "{},", ",")
+    assert "time_s = { rate_hz = 100 }  # by the file, Increment is 0.01 s: check this" in draft_map(
+        path, open_recording(path, {})
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "rate"),
+    [
+        ("Sample Rate", "2.5MSa/s", 2.5e6),
+        ("Sampling Rate", "100 Samples/s", 100.0),
+        ("CLOCK", "1.000uS", 1e6),
+        ("Interval", "10ms", 100.0),
+    ],
+)
+def test_rates_as_oscilloscopes_write_them(name: str, text: str, rate: float) -> None:
+    value = split_value(name, text)
+    assert value
+    stated = read_stated_rate(*value)
+    assert stated
+    assert stated.agrees(rate)
+
+
+def test_other_clocks_increments_and_resolutions_state_no_rate() -> None:
+    assert split_value("clock", "16 MHz") is None
+    for name in ("clock", "interval", "speed increment", "time resolution"):
+        assert read_stated_rate(name, 10.0) is None

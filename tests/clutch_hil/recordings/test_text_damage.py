@@ -69,7 +69,7 @@ def test_many_damaged_rows_are_another_layout(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("word", ["", "NaN", "#N/A", " n/a ", "-", "1.#QNAN", "OVER"])
+@pytest.mark.parametrize("word", ["", "NaN", "#N/A", " n/a ", "-", "1.#QNAN", "OVER", "-\u221e", "1.#INF"])
 def test_a_cell_without_a_value_counts_as_missing(tmp_path: Path, word: str) -> None:
     content, file = damage_line(11, f"0.0900,{word},27.2500"), 'missing = "over, ---"'
     assert "torque_nm is not a number in row 9" in find_refusal(tmp_path, content, file)

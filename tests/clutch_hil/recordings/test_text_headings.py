@@ -283,3 +283,15 @@ def test_a_name_with_two_blanks_is_found_as_the_file_has_it(tmp_path: Path) -> N
     )
     columns = '[columns]\ntime_s = { from = "Time  1 - default sample rate" }\ntorque_nm = { from = "torque" }\n'
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["time_s"], TIME, atol=1e-12)
+
+
+def test_settings_beside_the_first_rows_take_no_row_away(tmp_path: Path) -> None:
+    """As Tektronix writes them, TDS 1000 and 2000."""
+    settings = ["Record Length,6.0E+01", "Sample Interval,1.0E-02", "Source,CH1", "Pt Fmt,Y", "Yzero,0.0E+00"]
+    cells = zip([*settings, *[","] * (ROWS - len(settings))], TIME, TORQUE, strict=True)
+    path = tmp_path / "recording.csv"
+    path.write_text("".join(f"{setting},,{time:016.12f},{torque:9.5f},\n" for setting, time, torque in cells))
+    columns = '[columns]\ntime_s = { number = 4, unit = "s" }\ntorque_nm = { number = 5, unit = "Nm" }\n'
+    run = import_by(tmp_path, path, columns)
+    np.testing.assert_allclose(run["time_s"], TIME)
+    np.testing.assert_allclose(run["torque_nm"], TORQUE)

@@ -1,0 +1,77 @@
+"""Numbers above the rows of a text file: single ones with a name, such as a sampling rate, and factors of columns."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+from clutch_hil.recordings.stated_rate import split_value
+from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling
+from clutch_hil.recordings.text.cells import Cells
+from clutch_hil.recordings.text.lines import Line, split
+
+_MOST_REMARKS = 20  # lines in which numbers are looked for
+_LONGEST_REMARK = 200  # characters of one in which a number is looked for
+_NEAREST = 4  # lines above the rows in which numbers can stand beside the names
+# A name and its value; an oscilloscope writes `Sample Interval,Analog:1E-05`
+_REMARK = re.compile(
+    r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?:[A-Za-z]\w{0,20}:\s*(?=[0-9.+-]))?(?P<value>\S.*?)[\s;,]*"
+)
+_ENTRY = re.compile(r"(?P<key>[A-Za-z]\w*)\s*=\s*(?P<value>\S+)")  # in a cell
+
+
+def list_scalings(rows: Mapping[int, Sequence[str]], width: int, paired: bool, cells: Cells) -> list[str]:
+    """Factors and offsets of each column, of lines with such a label before their numbers, or before each of them."""
+    lines = [row for row in rows.values() if len(row) == width > 1 and is_scaling(row[0])]
+    labelled = [row for row in lines if all(map(cells.is_number, row[1 :: 1 + paired]))]
+    return [
+        describe_scaling((row[0], cells.read_number(row[n])) for row in labelled if cells.is_number(row[n]))
+        for n in (range(width) if labelled else ())
+    ]
+
+
+def list_pairs(rows: Mapping[int, Sequence[str]], cells: Cells) -> dict[str, float]:
+    """Numbers that all columns have in common, as `SampleTime[ms],10,SampleTime[ms],10`."""
+    common = [row for row in rows.values() if row and set(row[::2]) == {row[0]} and len({*row[1::2]}) == 1]
+    return {row[0]: cells.read_number(row[1]) for row in common if cells.is_number(row[1])}
+
+
+def list_common(rows: Iterable[Sequence[str]], cells: Cells) -> dict[str, float]:
+    """Numbers that all columns have in common, in lines above the rows, as `Delta_X,0.01,0.01` of LabVIEW."""
+    common = [(row[0], {*row[1:]} - {""}) for row in rows if len(row) > 2 and row[0] and not cells.is_number(row[0])]
+    return {name: cells.read_number(*one) for name, one in common if len(one) == 1 and all(map(cells.is_number, one))}
+
+
+def list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
+    """Numbers of lines such as `Sample rate [Hz]: 100`."""
+    numbers: dict[str, float] = {}
+    for line in lines[:_MOST_REMARKS]:
+        match = _REMARK.fullmatch(line.text[:_LONGEST_REMARK])
+        if match and cells.is_number(value := match["value"].strip('"')):
+            numbers[match["key"].strip(' "')] = cells.read_number(value)
+        elif match and (rate := split_value(match["key"].strip(' "'), match["value"].strip('"'))):
+            numbers[rate[0]] = rate[1]
+    return numbers
+
+
+def take_numbers_beside(
+    above: Sequence[Line], width: int, delimiter: str, cells: Cells
+) -> tuple[dict[str, float], dict[int, list[str]]]:
+    """Numbers to the right of names and units, where the rows have no cells; and the `width` other cells of these lines.
+
+    Rigol writes `X,CH1,Start,Increment` above `Sequence,Volt,-0.006,1E-05`, or `CH1,t0 = -0.006,tInc = 1E-05`.
+    """
+    numbers: dict[str, float] = {}
+    others: dict[int, list[str]] = {}
+    first = max(len(above) - _NEAREST, 0)
+    lines = [split(line.text, delimiter) for line in above[first:]]
+    for n, row in enumerate(lines):
+        names, values = row[width:], lines[n + 1][width:] if n + 1 < len(lines) else []
+        taken = [n]
+        if entries := list(filter(None, map(_ENTRY.fullmatch, names))):
+            names, values = [one["key"] for one in entries], [one["value"] for one in entries]
+        else:
+            taken.append(n + 1)
+        named = [(name, value) for name, value in zip(names, values, strict=False) if name or value]
+        if named and all(name and not cells.is_number(name) and cells.is_number(value) for name, value in named):
+            numbers |= {name: cells.read_number(value) for name, value in named}
+            others |= {first + k: [" ".join(cell.split()) for cell in lines[k][:width]] for k in taken}
+    return numbers, others
