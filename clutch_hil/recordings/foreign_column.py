@@ -22,7 +22,10 @@ _KEYS = (
     "formula",
 )  # fmt: skip
 _MOST_HZ = 1e9  # Hz, largest rate of rows: more than any recorder of a rig
-_LARGEST = 1e100  # in the file's unit: no quantity is so large, and results computed from it stay finite
+_LARGEST = 1e100  # of a number in a map: results computed from it stay finite
+# Of a number in a file, in its unit: above any whole number of 64 bits, such as ns since 1970, and below those that tools
+# write where there is no value: 1e20, 9.97e36, 9.9e37 and 3.4e38
+_LARGEST_IN_FILE = 2e19
 _SAME_NUMBER = 1e-6  # relative tolerance of equal numbers, for a file with 32-bit numbers
 _AIR_PA = 101325.0  # Pa, the standard atmosphere (ISO 2533)
 _WORK = re.compile(r"(?<![A-Za-z])([kMm]?(J|Wh|cal|eV)|[kMm]?W\W?s|BTU)(?![A-Za-z])|joule")  # units of work (energy)
@@ -42,7 +45,7 @@ class ForeignColumn:
     a unit in the file takes precedence over `unit`. scale: factor. scale_by: name of a number in the file, a further factor; ""
     for none. offset: added after the factors; None where the map has none. hold: whether the value is held between samples;
     None: decided by content. wraps_at: range after which the values start again at 0, in the file's unit; 0 for never. missing:
-    number that marks a missing value; NaN for none. Not read from the file are: a time that counts rows at `rate_hz`, 0 for
+    numbers that mark a missing value. Not read from the file are: a time that counts rows at `rate_hz`, 0 for
     none; a `constant` in the unit of the run's column, NaN for none; a `formula` of other columns.
     """
 
@@ -54,7 +57,7 @@ class ForeignColumn:
     offset: float | None = None
     hold: bool | None = None
     wraps_at: float = 0.0
-    missing: float = nan
+    missing: tuple[float, ...] = ()
     rate_hz: float = 0.0
     constant: float = nan
     formula: ColumnFormula | None = None
@@ -117,7 +120,7 @@ def read_column(column: str, columns: TomlTable) -> ForeignColumn:
         entry.get("offset", float, None),
         entry.get("hold", bool, None),
         wraps_at,
-        entry.get("missing", float, nan),
+        entry.get_numbers("missing"),
     )
 
 
@@ -193,17 +196,18 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
         )
     one, zero = (from_si(to_si(value, unit), find_unit(name)) for value in (1.0, 0.0))
     values = signal.values[reading.skip_rows :]
-    if not isnan(source.missing):
-        absent = np.isclose(values, source.missing, rtol=_SAME_NUMBER, atol=0.0)
+    for missing in source.missing:
+        absent = np.isclose(values, missing, rtol=_SAME_NUMBER, atol=0.0)
         values = np.where(absent, nan, values)
         notes.append(
-            f"{channel.name}: {format_count(np.count_nonzero(absent), 'sample')} of {source.missing:g}, which is no value"
+            f"{channel.name}: {format_count(np.count_nonzero(absent), 'sample')} of {missing:g}, which is no value"
         )
-    if len(huge := np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST))):
+    if len(huge := np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST_IN_FILE))):
         row = int(huge[0])
         raise InputError(
             f"recording {path}: {channel.path!r} for {name} is {values[row]:.4g} in row {row + reading.skip_rows}; allowed is"
-            f" up to {_LARGEST:g}; where it stands for no value, set missing = {float(values[row])!r} for {name} in the map"
+            f" up to {_LARGEST_IN_FILE:g}; where it stands for no value, set missing = {float(values[row])!r} for {name} in the"
+            " map"
         )
     if source.wraps_at:
         values, turns = _unwrap(values, source.wraps_at)

@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.recordings.channel import Recording, choose_channel
+from clutch_hil.recordings.checks.values import find_placeholder
 from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, convert_signal, find_unit, read_column
 from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, join
@@ -117,6 +118,9 @@ class ImportMap:
         columns = {
             name: convert_signal(reading, name, signals[name], notes) for name in self.columns if name in signals
         }
+        if self.sampling.low_pass_hz or self.sampling.resample_hz:  # behind a filter it could not be found any more
+            found = {name: find_placeholder(values, 1)[0] for name, values in columns.items() if name != "time_s"}
+            notes += [f"{name} {text}" for name, text in found.items() if text]
         constants = {name: one.constant for name, one in self.columns.items() if not isnan(one.constant)}
         formulas = {name: one.formula for name, one in self.columns.items() if one.formula}
         notes += [

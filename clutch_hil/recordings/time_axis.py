@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from math import inf, isfinite, isnan
+from math import inf, isfinite
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +115,7 @@ def add_times(
         axis = convert_signal(reading, "time_s", signals["time_s"], [], origin)
         whole, source = signals["time_s"].whole, reading.sources["time_s"]
         if (
-            whole is not None and isnan(source.missing) and not source.wraps_at
+            whole is not None and not source.missing and not source.wraps_at
         ):  # subtract the first one before float64 loses the last digits
             since = np.array(whole - whole[skip_rows], float)
             axis = convert_signal(reading, "time_s", Signal(signals["time_s"].channel, since), [])

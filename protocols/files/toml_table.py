@@ -41,6 +41,12 @@ class TomlTable:
             raise InputError(f"{self._join_name(key)} is {reprlib.repr(value)}; allowed is {_KINDS[kind]}")
         return float(value) if kind is float else value
 
+    def get_numbers(self, key: str) -> tuple[float, ...]:
+        """Return the numbers in the entry `key`, one or a list; none if it is missing. Raises InputError."""
+        value = self._entries.get(key, [])
+        values = value if isinstance(value, list) else [value]
+        return tuple(TomlTable(self.path, self.name, {key: one}).get(key, float) for one in values)
+
     def need(self, key: str, kind: type) -> Any:
         """Return the required entry `key` of type `kind`. Raises InputError if it is missing."""
         if key not in self._entries:

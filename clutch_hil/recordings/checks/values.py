@@ -193,23 +193,30 @@ def find_placeholders(run: Recorded) -> list[Finding]:
         values = run.columns[name]
         if known.predicted is not None or name in run.inputs:
             continue
-        for value in (float(np.min(values)), float(np.max(values))):
-            others = values[values != value]
-            count = len(values) - len(others)
-            if count < 2 or not len(others):
-                continue
-            span = float(np.ptp(others))
-            away = float(np.min(np.abs(others - value)))
-            if 0.0 < _FAR_AWAY * span < away:
-                rows = np.flatnonzero(values == value)
-                text = (
-                    f"is {value:.6g} in {format_count(count, 'row')}, {away / span:.2g} times the movement of all others"
-                    " away from them: where this stands for no value, set missing for it in the import map, as the number that"
-                    " the file has"
-                )
-                findings.append(Finding("placeholder", name, (int(rows[0]), int(rows[-1])), text, False))
-                break
+        text, rows = find_placeholder(values)
+        if len(rows):
+            findings.append(Finding("placeholder", name, (int(rows[0]), int(rows[-1])), text, False))
     return findings
+
+
+def find_placeholder(values: np.ndarray, fewest: int = 2) -> tuple[str, np.ndarray]:
+    """What the number in `values` (n,) is that stands for no value, and its rows (m,): at least `fewest`, or none."""
+    known = values[np.isfinite(values)]
+    for value in (known.min(), known.max()) if len(known) else ():
+        others = known[known != value]
+        rows = np.flatnonzero(values == value)
+        if len(rows) < fewest or not len(others):
+            continue
+        span = float(np.ptp(others))
+        away = float(np.min(np.abs(others - value)))
+        if 0.0 < _FAR_AWAY * span < away:
+            text = (
+                f"is {value:.6g} in {format_count(len(rows), 'row')}, {away / span:.2g} times the movement of all others away"
+                " from them: where this stands for no value, set missing for it in the import map, as the number that the file"
+                " has"
+            )
+            return text, rows
+    return "", np.zeros(0, int)
 
 
 def find_outliers(run: Recorded) -> list[Finding]:

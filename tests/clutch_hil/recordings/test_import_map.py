@@ -355,7 +355,7 @@ def test_a_number_too_large_to_compute_with_is_refused_by_row(tmp_path: Path) ->
     path.write_text("\n".join(["time,pos", *rows]))
     columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nposition_m = { from = "pos", unit = "m" }\n'
     map_file.write_text(f"[file]\nresample_hz = 50.0\nlow_pass_hz = 10.0\n{columns}")
-    with pytest.raises(InputError, match=r"'pos' for position_m is 1.6e\+308 in row 40; allowed is up to 1e\+100"):
+    with pytest.raises(InputError, match=r"'pos' for position_m is 1.6e\+308 in row 40; allowed is up to 2e\+19"):
         load_map(str(map_file)).read(path)
 
 
