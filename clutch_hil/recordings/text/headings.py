@@ -43,7 +43,9 @@ _AXIS_LABEL = re.compile(r"(h|x|horizontal)[\W_]*units?([\W_]+label)?\W*", re.IG
 _LABELLED = re.compile(r"(units?|einheit(en)?|unités?)\s*[:=]\s*(?P<unit>\S.*)", re.IGNORECASE)  # `units: s, Nm, rpm`
 _NAME_LABEL = re.compile(r"((trace|signal|channel|kanal)[ _]?)?names?:?", re.IGNORECASE)  # before the names of a line
 _ROW_NAME = re.compile(
-    r"(sample|index|row|no\.?|nr\.?|point|scan|zeile|#)", re.IGNORECASE
+    r"(samples?|index|row|no\.?|(lfd\.?\s*)?nr\.?|n|i|id|count(er)?|point|scan|record|step|zeile|messpunkt|zähler|#)"
+    r"([\s_]*(no|nr|number|index)\.?)?",
+    re.IGNORECASE,
 )  # of a column that counts rows
 _UNUSED_NAME = "Comment"  # the last name of LabVIEW's .lvm, for which most rows have no cell
 
@@ -92,10 +94,9 @@ def find_headings(
     _check_no_rows(path, above, widths[0], delimiter, cells)
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
     names = units = None
-    if (
-        counted and top and (row := _add_name_of_rows(above[-1], width, delimiter))
-    ):  # R gives the names of the rows none
-        rows[top - 1] = row
+    filled = widths[0] == width  # else the missing name is that of the empty last column
+    if counted and top and filled and (row := _add_name_of_rows(above[-1], width, delimiter)):
+        rows[top - 1] = row  # R gives the names of the rows none
     beside, others = take_numbers_beside(above, widths[0], delimiter, cells)
     rows |= {number: [*row, *[""] * (width - len(row))] for number, row in others.items()}
     sought = options.get("header", True) and "units_row" not in options
@@ -256,7 +257,7 @@ def _part_pairs(rows: dict[int, list[str]]) -> tuple[int, int | None] | None:
 def _add_name_of_rows(line: Line, width: int, delimiter: str) -> list[str]:
     """The cells of a line that has one too few, as the first column has no name; none for another line."""
     row = [" ".join(cell.split()) for cell in split(line.text, delimiter)]
-    return ["", *row] if len(row) == width - 1 and all(row) and not _ROW_NAME.fullmatch(row[0]) else []
+    return ["", *row] if len(row) == width - 1 and all(row) and not _ROW_NAME.fullmatch(split_unit(row[0])[0]) else []
 
 
 def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:

@@ -196,6 +196,33 @@ def test_names_of_rows_need_no_name_themselves(tmp_path: Path, quote: str, mark:
     np.testing.assert_allclose(run["torque_nm"], TORQUE, rtol=1e-12)
 
 
+@pytest.mark.parametrize("first", ["count", "Sample No.", "nr [-]", "Messpunkt"])
+def test_a_name_of_rows_is_not_put_above_the_next_column(tmp_path: Path, first: str) -> None:
+    """Where a file names all columns but the last one, R would name all but the first."""
+    path = tmp_path / "recording.csv"
+    cells = enumerate(zip(TORQUE, SPEED, strict=True), 1)
+    path.write_text(
+        "\n".join([f"{first};torque;speed", *(f"{n};{torque:.4f};{speed:.4f};7" for n, (torque, speed) in cells)])
+    )
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
+    assert "line 1 has 3 names, rows have 4 cells" in find_refusal(tmp_path, path, columns)
+
+
+@pytest.mark.parametrize("header", ["count [-];torque;speed", "count;torque;speed\n-;Nm;rad/s"])
+def test_names_stay_above_their_columns_where_each_row_ends_with_a_mark(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "recording.csv"
+    cells = enumerate(zip(TORQUE, SPEED, strict=True), 1)
+    path.write_text("\n".join([header, *(f"{n};{torque:.4f};{speed:.4f};" for n, (torque, speed) in cells), ""]))
+    run = import_by(
+        tmp_path,
+        path,
+        '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
+        'speed_rad_s = { from = "speed", unit = "rad/s" }\n',
+    )
+    np.testing.assert_allclose(run["torque_nm"], TORQUE)
+    np.testing.assert_allclose(run["speed_rad_s"], SPEED)
+
+
 def test_lines_of_fewer_cells_above_the_names_have_none_of_them(tmp_path: Path) -> None:
     counts = [str(row + 1) for row in range(ROWS)]
     above = "CH,CH1,CH2\nName,clutch,motor\nUnit,kNm,rpm\nNo.,time,torque,speed\n"
