@@ -122,6 +122,13 @@ def add_times(
     trusted = reading.sources["time_s"].trust_file and not reading.sources["time_s"].rate_hz
     if trusted and clock.kind == "number" and not simplify_unit(clock.unit) and len(axis) > 1:
         _check_unit(reading, clock, axis, notes)
+    numbers = signals["time_s"].values[skip_rows:]
+    if trusted and clock.kind == "number" and _looks_like_hhmmss(numbers):
+        raise InputError(
+            f"recording {path}: {clock.path!r} for time_s begins at {numbers[0]:.12g} and has no seconds from 60 to 99: it is"
+            " hhmmss, perhaps, as NMEA writes it; set time_format = '%H%M%S' in [file] for text, write seconds in other"
+            " formats, or set unit_from = 'map' where these are seconds"
+        )
     if clock.kind == "number" and _looks_like_days(axis):
         doubt = (
             f"time_s begins at {axis[0]:.6g} s with steps of {1e6 * np.median(np.diff(axis)):.3g} us: {clock.path!r} counts"
@@ -224,6 +231,16 @@ def _check_epoch(path: Path, clock: Channel, first: float) -> None:
             f"recording {path}: {clock.path!r} for time_s begins at {first:.6g} s, which no clock shows; if it counts ms, us or"
             f" ns since 1970, {remedy}"
         )
+
+
+def _looks_like_hhmmss(numbers: np.ndarray) -> bool:
+    """Return whether numbers (n,) are times of day as 115959.5, perhaps: they miss those from 60 to 99 before each hundred."""
+    if len(numbers) < _FEWEST_DAYS or not np.isfinite(numbers).all() or not 0.0 <= numbers[0] < numbers[-1] < 240000.0:
+        return False
+    steps = np.diff(numbers)
+    passing = np.diff(numbers // 100.0) > 0.0
+    small = np.median(steps) < 20.0 and np.any(passing) and np.all(steps[passing] > 40.0)
+    return bool(small and np.all(numbers % 100.0 < 60.0) and np.all(numbers // 100.0 % 100.0 < 60.0))
 
 
 def _looks_like_days(time: np.ndarray) -> bool:

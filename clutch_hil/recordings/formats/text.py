@@ -31,7 +31,7 @@ from clutch_hil.recordings.channel import NO_VALUES, Channel, Recording, Signal,
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
-from clutch_hil.recordings.text.cells import show
+from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.column import ColumnReader, find_missing
 from clutch_hil.recordings.text.layout import Layout, find_layout
@@ -250,6 +250,8 @@ class TextRecording:
                 )
                 if column.hexadecimal:
                     comment += f", perhaps hexadecimal: set hexadecimal = {headings.names[number - 1]!r} in [file] then"
+                elif self._has_other_mark(number):
+                    comment += f", whose decimal mark is not {self._layout.cells.decimal!r} as in other columns"
             elif not any(row[number - 1] for row in self._layout.samples):
                 comment = NO_VALUES
             name, text = headings.names[number - 1], headings.texts[number - 1]
@@ -263,6 +265,12 @@ class TextRecording:
         if any(not self._is_date(channel.number) for channel in clocks):  # dates beside times of day are no axis
             channels = [replace(c, kind="text", unit="") if self._is_date(c.number) else c for c in channels]
         return self._with_rate(channels, rows)
+
+    def _has_other_mark(self, number: int) -> bool:
+        """Whether the cells of a column are numbers with the other decimal mark."""
+        other = Cells("." if self._layout.cells.decimal == "," else ",")
+        cells = [row[number - 1] for row in self._layout.samples]
+        return all(other.is_number(cell) or other.is_missing(cell) for cell in cells)
 
     def _is_spare(self, channel: Channel) -> bool:
         """Whether a column is only a delimiter at the end of each row."""

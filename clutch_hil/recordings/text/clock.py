@@ -161,7 +161,7 @@ def find_time_format(cells: Sequence[str]) -> TimeFormat | None:
 
 def read_time_format(text: str) -> TimeFormat:
     """The `time_format` of an import map, in strptime's directives. Raises InputError."""
-    pattern, rest = "", iter(text)
+    pattern, rest, joined = "", iter(text), False
     for letter in rest:
         if letter == "%":
             directive = next(rest, "")
@@ -170,11 +170,14 @@ def read_time_format(text: str) -> TimeFormat:
                 raise InputError(
                     f"import map: file.time_format is {text!r}; %{directive} is unknown, allowed are {allowed}"
                 )
-            pattern += _DIRECTIVES[directive]
+            # Numbers that follow each other without a mark have all their digits, but for the first one: 93015 is 09:30:15
+            pattern += _DIRECTIVES[directive].replace("{1,2}", "{2}" if joined else "{1,2}")
+            joined = directive != "%"
             if directive == "S" and "%f" not in text:
                 pattern += r"(?:[.,](?P<f>[0-9]{1,9}))?"
         else:
             pattern += r"\s+" if letter.isspace() else re.escape(letter)
+            joined = False
     try:
         names = re.compile(pattern).groupindex
     except re.error:  # a group twice

@@ -131,24 +131,6 @@ def test_a_number_that_stands_for_no_value_counts_as_missing(tmp_path: Path, num
     np.testing.assert_allclose(run["torque_nm"], bridged, atol=1e-9)
 
 
-def test_several_numbers_may_stand_for_no_value(tmp_path: Path) -> None:
-    lines = make_table().splitlines()
-    for row, number in ((20, "9.9E+37"), (21, "-9.9E+37"), (22, "9.91E+37")):
-        lines[row + 1] = ",".join([lines[row + 1].split(",")[0], number, lines[row + 1].split(",")[2]])
-    text = "\n".join([*lines, ""])
-    columns = MAP.replace('"Nm" }', '"Nm", missing = [9.9e37, -9.9e37, 9.91e37] }')
-    assert "torque_nm is not a number in row 20, one of 3 such rows" in find_refusal(tmp_path, text, columns=columns)
-    columns = MAP.replace('"Nm" }', '"Nm", missing = [9.9e37, "OVER"] }')
-    assert "torque_nm.missing is 'OVER'; allowed is a number" in find_refusal(tmp_path, text, columns=columns)
-
-
-@pytest.mark.parametrize("file", ["low_pass_hz = 20.0", "resample_hz = 50.0"])
-def test_a_number_that_stands_for_no_value_is_told_before_a_filter_spreads_it(tmp_path: Path, file: str) -> None:
-    text = make_table().replace(f",{TORQUE[20]:.4f},", ",-9999,")
-    assert "torque_nm is -9999 in 1 row" in convert_run(read(tmp_path, text, file))
-    assert "movement of all others" not in convert_run(read(tmp_path, make_table(), file))
-
-
 TWO = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
 
 
