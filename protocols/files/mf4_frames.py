@@ -120,7 +120,8 @@ def _read_messages(mdf: Any, index: int, kind: str, names: set[str], start: floa
         if f"{kind}.{name}" not in names:
             return [otherwise] * min(_ROWS, rows - offset)
         signal = mdf.get(f"{kind}.{name}", group=index, raw=True, record_offset=offset, record_count=_ROWS)
-        return [int(value) for value in signal.samples]
+        # CANedge has the bus and IDE as constants, which are conversions of the row's number, and the length as one of the DLC
+        return [int(value) for value in signal.physical(ignore_value2text_conversions=True).samples]
 
     for offset in range(0, rows, _ROWS):
         ids = mdf.get(f"{kind}.ID", group=index, raw=True, record_offset=offset, record_count=_ROWS)
