@@ -59,7 +59,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     """
     empty = [channel for channel in recording.channels if channel.comment == NO_VALUES]
     usable = [channel for channel in recording.channels if channel.kind != "text" and channel not in empty]
-    clock = _find_clock(usable)
+    clock = _find_clock(usable) or _find_rising(usable, recording, True)
     if len(usable) < 2:
         raise InputError(
             f"recording {file} has no two columns of numbers to map; list it with: clutch-hil import --list"
@@ -126,8 +126,10 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
     """
     if clock is None:
         if stated := list_stated_rates(recording.numbers, recording.channels)[:1]:
+            other = _find_rising(recording.channels, recording)
             remark = f"by the file, {_format_comment(str(stated[0]))}: check this"
-            return f"time_s = {{ rate_hz = {stated[0].rates[0]:.12g} }}  # {remark}"
+            remark += f", as {_format_comment(other.name)} rises otherwise" if other else ""
+            return f"{'# ' if other else ''}time_s = {{ rate_hz = {stated[0].rates[0]:.12g} }}  # {remark}"
         return (
             '# time_s = { from = "", unit = "s" }  # no column is called time or has its unit: name it, or set rate_hz'
         )
@@ -165,6 +167,19 @@ def _find_clock(channels: Sequence[Channel]) -> Channel | None:
         lambda c: _find_ending(simplify_unit(c.unit or _take_hint(c))) == "s",
     )
     return next((channel for test in tests for channel in channels if test(channel)), None)
+
+
+def _find_rising(channels: Sequence[Channel], recording: Recording, as_stated: bool = False) -> Channel | None:
+    """Return the first channel if it rises as a time, and not as a number of the row; if `as_stated`, at a rate that the file
+    states."""
+    first = next(iter(channels), None)
+    if not first or first.kind != "number" or simplify_unit(first.unit):
+        return None
+    steps = np.diff(recording.read([first])[0].values)
+    if not len(steps) or not np.all(steps > 0.0) or np.all(steps == 1.0):
+        return None
+    rates = list_stated_rates(recording.numbers, [first]) if as_stated else []
+    return first if not as_stated or any(one.agrees(1.0 / float(np.median(steps))) for one in rates) else None
 
 
 def _make_unit_entry(channel: Channel, otherwise: str) -> str:

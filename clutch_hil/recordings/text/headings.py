@@ -29,6 +29,7 @@ _FEWEST_ROWS = 10  # lines of numbers in one that follow each other and are a re
 _MOST_LISTED = 2000  # lines above the names that may list channels: as many as are looked at
 _MOST_REMARKS = 20  # lines above the names that are kept
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
+_NUMBER = re.compile(r"[+-]?[0-9.,]*[0-9](?:[eE][+-]?[0-9]+)?")  # no unit, but for 1
 _ENTRY = re.compile(r"\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman
 # Names of types of numbers: of ETAS, LabVIEW, IEC 61131-3, NumPy and C. A line of them tells how a tool keeps its columns
 _TYPE = re.compile(
@@ -115,8 +116,9 @@ def find_headings(
     if options.get("header", True) and not found:
         names = _find_names(above, rows, units, cells, widths[0])
         if names is None:
+            labelled_names = _find_labelled_names(rows, widths[0], cells)
             numbered = None if units is None else _find_numbered_names(rows, units, cells)
-            names = _find_labelled_names(rows, cells) if numbered is None else numbered
+            names = numbered if labelled_names is None else labelled_names
         if names is None and "units_row" not in options:
             names, units = units, None  # names such as t, m and V, which could be units
         if names is None and options.get("header") and top and rows[top - 1]:
@@ -230,10 +232,10 @@ def _find_numbered_names(rows: Mapping[int, Sequence[str]], units: int, cells: C
     return units - 1 if named and all(cell.isdigit() for cell in row[1:]) else None
 
 
-def _find_labelled_names(rows: Mapping[int, Sequence[str]], cells: Cells) -> int | None:
+def _find_labelled_names(rows: Mapping[int, Sequence[str]], width: int, cells: Cells) -> int | None:
     """The line that says of itself that it has names, `TraceName,torque,speed` of Yokogawa, wherever it stands."""
     for n, row in rows.items():
-        if row and _NAME_LABEL.fullmatch(row[0]) and len({*row[1:]} - {""}) == len(row) - 1:
+        if row and _NAME_LABEL.fullmatch(row[0]) and len({*row[1:]} - {""}) == width - 1:
             return None if any(map(cells.is_number, row)) else n
     return None
 
@@ -324,6 +326,8 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
     """The cells of a line above the rows, as many as a row has; empty where it has others."""
     least, width = widths
     row = [" ".join(cell.split()) for cell in split(line.text, delimiter)]
+    if delimiter == RUNS and len(row) > 1 and len(marks := {cell[-1:] for cell in row[:-1]} & {",", ";"}) == 1:
+        row = [cell.rstrip(*marks) for cell in row] if all(cell[-1:] in marks for cell in row[:-1]) else row
     if len(row) == width + 1 and row[-1] == _UNUSED_NAME:
         del row[-1]
     if len(row) >= least and not any(row[width:]):
@@ -351,7 +355,7 @@ def _are_units(row: Sequence[str]) -> bool:
     units = [cell for cell in given if is_unit(strip_brackets(cell)) or _LABELLED.fullmatch(cell)]
     if len(units) < len(given):  # the number of a channel before its name and unit is none
         units = [cell for cell in units if not cell.isdigit()]
-    known = len(units)
+    known = sum(cell == "1" or not _NUMBER.fullmatch(cell) for cell in units)
     return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
 
 

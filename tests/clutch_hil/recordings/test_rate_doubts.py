@@ -232,6 +232,27 @@ def test_a_draft_proposes_the_rate_that_the_file_states(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "step", "line"),
+    [
+        ("x", 0.01, 'time_s = { from = "x", unit = "s" }  # the file tells no unit of time: check that it is s'),
+        (
+            "x",
+            0.33,
+            "# time_s = { rate_hz = 100 }  # by the file, Increment is 0.01 s: check this, as x rises otherwise",
+        ),
+        (
+            "X_Value",
+            0.33,
+            'time_s = { from = "X_Value", unit = "s" }  # the file tells no unit of time: check that it is s',
+        ),
+    ],
+)
+def test_a_draft_prefers_times_to_a_rate(tmp_path: Path, name: str, step: float, line: str) -> None:
+    path = write_text(tmp_path, "Increment: 0.01", name, step)
+    assert line in draft_map(path, open_recording(path, {})).splitlines()
+
+
+@pytest.mark.parametrize(
     ("name", "text", "rate"),
     [
         ("Sample Rate", "2.5MSa/s", 2.5e6),

@@ -9,7 +9,7 @@ import pytest
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
-from tests.clutch_hil.recordings.text_files import ROWS, SPEED, TIME, TORQUE
+from tests.clutch_hil.recordings.text_files import NAMES, ROWS, SPEED, TIME, TORQUE
 
 RPM = np.pi / 30.0  # rad/s
 
@@ -62,11 +62,33 @@ Range,10V,10V
 Time,torque[Nm],speed[rpm]
 """
 INSPECTOR = "time,torque,speed\n,Type: double,Type: double\n,Units: Nm,Units: rpm\n,Interp: linear,Interp: linear\n"
+YOKOGAWA = """"Header Size"           ,9
+"BlockNumber"           ,1               ,1
+"TraceName"             ,"torque        ","speed         "
+"BlockSize"             ,60              ,60
+"VUnit"                 ,"Nm            ","rpm           "
+"SampleRate"            ,100.0           ,100.0
+"HUnit"                 ,"s             ","s             "
+"Date"                  ,"2019/11/26","2019/11/26"
+"Time"                  ,"12:33:56.100895200    ","12:33:56.100895200    "
+
+"""
+BARE_LABVIEW = """***End_of_Header***\t
+Channels\t2\t\t
+Y_Unit_Label\tNm\trpm\t
+X_Dimension\tTime\tTime\t
+Delta_X\t1.000000\t1.000000\t
+***End_of_Header***\t\t\t
+X_Value\ttorque\tspeed\tComment
+"""
 KEYSIGHT = "x-axis,1,2\nsecond,Nm,rpm\n"
 # Lines above -> mark between cells, lead of each row, names of time, torque and speed
 FORMS = {
     "LabVIEW": (LABVIEW, "\t", "", ("X_Value", "torque", "speed")),
     "an oscilloscope": (OSCILLOSCOPE, ",", "", ("TIME", "torque", "speed")),
+    "Yokogawa": (YOKOGAWA, ",", "", ("TraceName", "torque", "speed")),
+    "LabVIEW, numbers that are no units": (BARE_LABVIEW, "\t", "", ("X_Value", "torque", "speed")),
+    "commas between names, blanks between cells": ("time [s], torque [Nm], speed [rpm]\n", "  ", "", NAMES),
     "statistics": (STATISTICS, ";", "", ("time", "torque", "speed")),
     "ControlDesk": (CONTROLDESK, ";", ";", ("time", "torque", "speed")),
     "a list of channels": (CHANNELS, ";", "", ("time", "torque", "speed")),
