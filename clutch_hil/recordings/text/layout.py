@@ -11,6 +11,9 @@ from math import isclose
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow as pa
+
 from clutch_hil.recordings.text.cells import GROUP_MARKS, Cells, show
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format, read_time_format
 from clutch_hil.recordings.text.column_kind import Column, follows, has_words, is_row, judge_columns
@@ -24,6 +27,7 @@ _MOST_COLUMNS = 10_000  # more than any logger has channels
 _HEAD_LINES = 2000  # that are looked at; a preamble is shorter
 _EVEN = 0.5  # by which steps of a time may differ: a clock that is read by a program
 _COUNTED = 50  # rows of which it is looked at whether the first column counts them
+_JUDGED = 50  # rows that tell which columns are times
 _MOST_NAMED = 20  # columns in a message
 _FEWEST_LYING = 20  # cells in a row of a table that lies on its side: a run has more rows
 _FOLLOW, _FOLLOWING = 10, 0.8  # lines after the first row, and the share of them that must be rows too
@@ -265,11 +269,40 @@ def _find_rows(
                     and follows(rows[n], rows[n - 1], columns, cells)
                 ):
                     n -= 1
+                clocks = _list_clocks(rows[n : n + _JUDGED], columns, cells)
+                while n > header_first and right[n - 1] and _begins_sparsely(n - 1, clocks, rows, columns, cells):
+                    n -= 1
                 return _Rows(lines[n].number, width, columns, [row for row in rows[n:] if len(row) == width])
     raise InputError(
         f"recording {path} has no rows of numbers{_list_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
         " delimiter, decimal or skip_lines in [file]"
     )
+
+
+def _list_clocks(rows: Sequence[Sequence[str]], columns: Sequence[Column], cells: Cells) -> list[int]:
+    """Columns that have a time, or a number that rises, in every row."""
+    whole = [row for row in rows if len(row) == len(columns)]
+    clocks = []
+    for number, column in enumerate(columns):
+        values = [row[number] for row in whole]
+        if column.kind == "text" or any(map(cells.is_missing, values)):
+            continue
+        if column.time or np.all(np.diff(cells.parse(pa.array(values, pa.string())).values) > 0.0):
+            clocks.append(number)
+    return clocks
+
+
+def _begins_sparsely(
+    number: int, clocks: Sequence[int], rows: Sequence[Sequence[str]], columns: Sequence[Column], cells: Cells
+) -> bool:
+    """Whether a line is a row before the next one, with few values, as loggers write them before all sensors answer."""
+    row, after = rows[number], rows[number + 1]
+    runs_on = any(
+        not cells.is_missing(row[one])
+        and (columns[one].time or cells.read_number(row[one]) < cells.read_number(after[one]))
+        for one in clocks
+    )
+    return runs_on and not _is_labelled(number, rows, columns, cells)
 
 
 def _is_labelled(number: int, rows: Sequence[Sequence[str]], columns: Sequence[Column], cells: Cells) -> bool:

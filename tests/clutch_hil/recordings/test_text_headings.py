@@ -344,3 +344,25 @@ def test_settings_beside_the_first_rows_take_no_row_away(tmp_path: Path) -> None
     run = import_by(tmp_path, path, columns)
     np.testing.assert_allclose(run["time_s"], TIME)
     np.testing.assert_allclose(run["torque_nm"], TORQUE)
+
+
+@pytest.mark.parametrize("first", ["{time:.4f}", "23-Feb-2022 06:34:{time:06.3f}"])
+def test_rows_before_all_sensors_answer_are_rows(tmp_path: Path, first: str) -> None:
+    """As the app Torque writes them: they were taken for lines above the rows, and the names were lost with them."""
+    silent = [
+        f"fix,{first.format(time=time)},{torque:.4f}" + ",-" * 6 for time, torque in zip(TIME[:9], TORQUE, strict=False)
+    ]
+    whole = [
+        f"fix,{first.format(time=time)},{torque:.4f}" + 6 * f",{speed:.4f}"
+        for time, torque, speed in zip(TIME[9:], TORQUE[9:], SPEED[9:], strict=True)
+    ]
+    path = tmp_path / "recording.csv"
+    path.write_text("\n".join(["gps,time,torque,speed,a,b,c,d,e", *silent, *whole, ""]))
+    time = "" if "Feb" in first else ', unit = "s"'
+    run = import_by(
+        tmp_path,
+        path,
+        f'[columns]\ntime_s = {{ from = "time"{time} }}\ntorque_nm = {{ from = "torque", unit = "Nm" }}\n',
+    )
+    np.testing.assert_allclose(run["time_s"], TIME, atol=1e-9)
+    np.testing.assert_allclose(run["torque_nm"], TORQUE)
