@@ -51,7 +51,9 @@ class EffectSelection:
         self.costs: dict[str, float] = {}  # by candidate, in the deciding round: each beside those named before
         self.by_run: dict[str, np.ndarray] = {}  # excess (k,) in each run, by single candidate
         self._contradiction: dict[str, float] = {}  # power that the candidate adds to outputs, by single candidate
-        self._rivals: dict[str, Rival] = {}
+        # Fits beside a linearised and beside the re-fitted baseline are each compared with their own baseline
+        self._linear_costs: dict[str, float] = {}  # by candidate, beside the linearised baseline
+        self._scores: dict[str, float] = {}  # by candidate that was fitted with the baseline's parameters
         self._at_bound: dict[str, str] = {}  # strength at its bound by effect, for effects dropped for this reason
         self.confidence = 0.5
         self.reading = ""  # name of the reading of the model's equations, "" for the first (reading.py)
@@ -68,7 +70,7 @@ class EffectSelection:
             self.candidates, collect_starts(self.model, evidence, self.candidates, base.point, start.residual)
         )
         hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * LEAST_GAIN * evidence.size]
-        self._record_rivals({f.name: f.cost for f in ranked if f not in hopeful})
+        self._linear_costs = {f.name: f.cost for f in ranked}
         if not hopeful:
             return
         self.progress("the best candidates in full", 0.35)
@@ -85,10 +87,10 @@ class EffectSelection:
         for i, (at, (candidate,)) in enumerate(jointly):
             if i == 0 or candidate.is_off(at.point[1]):
                 self.fits.refit_baseline_alone(at)
-        costs = {f.name: f.cost for f in ranked} | {names[0].name: self.fits.score(at) for at, names in jointly}
+        self._linear_costs |= {f.name: f.cost for f in ranked}
         self.values = {f.name: f.values for f in ranked}
         self._record_single_fits(jointly)
-        self._record_rivals(costs)
+        costs = {f.name: f.cost for f in ranked} | self._scores
         self._accept(*jointly[0], costs)
         if self._needs_more():
             near = self._find_indistinguishable()
@@ -171,7 +173,7 @@ class EffectSelection:
                 break
             if len(kept) == 1:
                 self._record_single_fits([(at, kept)])
-                self._record_rivals(costs := costs | {kept[0].name: self.fits.score(at)})
+                costs = costs | self._scores
             self._accept(at, kept, costs if len(kept) == 1 else {})
             self._finish()
 
@@ -190,7 +192,7 @@ class EffectSelection:
         if self.fits.explain(at, len(kept)).is_sufficient:
             if len(kept) == 1:
                 self._record_single_fits([(at, kept)])
-                self._record_rivals(costs := costs | {kept[0].name: self.fits.score(at)})
+                costs = costs | self._scores
             self._accept(at, kept, costs if len(kept) == 1 else {})
             self._finish()
 
@@ -204,8 +206,9 @@ class EffectSelection:
         return [c for c in self.named if all(f"{c.name}.{s.name}" in unsure for s in c.strengths)]
 
     def _record_single_fits(self, fits: Sequence[JointFit]) -> None:
-        """Store parameters and the excess by run of fits of single effects."""
+        """Store score, parameters and the excess by run of fits of single effects."""
         for at, (c,) in fits:
+            self._scores[c.name] = self.fits.score(at)
             self.values[c.name] = dict(at.point[1])
             self.by_run[c.name] = self.evidence.compute_excess_by_run(at.residual)
             self._contradiction[c.name] = self.evidence.compute_contradiction(at.residual, self.fits.base.residual)
@@ -244,12 +247,12 @@ class EffectSelection:
             squares += [np.sum(r[self.evidence.pieces[k]] ** 2) for r in self.evidence.compute_residuals(points)]
         return bool(squares[1] < squares[0])
 
-    def _record_rivals(self, costs: dict[str, float]) -> None:
+    def _compute_gain(self, name: str) -> float:
+        """Return the gain of a candidate over the baseline; 0 for one that is off at best."""
         base = self.fits.base.cost
-        for name, cost in costs.items():
-            least = min(cost, base)  # an effect that is off has the cost of the baseline
-            values = self.values.get(name, {})
-            self._rivals[name] = Rival(name, 0.0, base - least, values, "", 1)
+        if name in self._scores:
+            return max(base - self._scores[name], 0.0)
+        return max(min(base, self.search.cost) - self._linear_costs[name], 0.0)
 
     def decide(self) -> tuple[str, list[str], list[list[str]]]:
         """Return the verdict, the named effects, and the sets of alternatives."""
@@ -296,7 +299,10 @@ class EffectSelection:
         best = {c.name for c in self.named} if w.is_sufficient else set()
         whole = max(w.gain + w.rest, LEAST_GAIN) * size  # whole excess
         rivals = []
-        for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
+        tried = [
+            Rival(name, 0.0, self._compute_gain(name), self.values.get(name, {}), "", 1) for name in self._linear_costs
+        ]
+        for r in sorted(tried, key=lambda r: -r.gain):
             closed = float(np.clip(r.gain / whole, 0.0, 1.0))
             reason = f"closes {closed:.1%} of the gap where {w.closed:.1%} can be closed"
             if r.gain <= LEAST_GAIN * size:
@@ -307,6 +313,8 @@ class EffectSelection:
                 reason = (
                     f"closes {closed:.0%} of the gap with {self._at_bound[r.name]} at its bound, and is not believed"
                 )
+            elif not w.is_significant:
+                reason = "explains no more than chance or a slightly wrong law can"
             elif not best:
                 reason = f"closes {closed:.0%} of the gap; to be named it takes {LEAST_CLOSED[0]:.0%}"
             rivals.append(replace(r, closed=closed, reason="" if r.name in best else reason))

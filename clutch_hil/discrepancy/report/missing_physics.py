@@ -81,12 +81,13 @@ def _describe_effects(result: Result) -> list[Html]:
 
 
 def _describe_recalibration(recalibration: Recalibration) -> list[Html]:
-    before = recalibration.before
+    before, after, effects = (
+        format_number(power, 2) for power in (recalibration.before, recalibration.after, recalibration.effects)
+    )
     text = (
-        f"Fitted beyond its stated uncertainty the baseline leaves {format_percent(recalibration.after / before, 2)} of the"
-        f" power above the floor; the effects that explain most leave {format_percent(recalibration.effects / before, 1)}."
-        " So no effect is named:"
-        f" once the rig is identified, a search tells whether one is missing. Next, {recalibration.advice}. What moves:"
+        f"Above the floor the baseline within its stated uncertainty leaves {before} times the floor's power. Fitted"
+        f" further, it leaves {after} times. The effects that explain most leave {effects} times. No effect is named before"
+        f" the rig is identified; a search afterwards tells whether one is missing. Next, {recalibration.advice}. What moves:"
     )
     rows = [
         (m.name, make_value(m.nominal, format_number(m.nominal, 4)), make_value(m.value, format_number(m.value, 4)),

@@ -93,10 +93,12 @@ def make_verdict_sentence(result: Result) -> str:
             f"The model lacks {which}, but these runs cannot tell which (confidence {sure} that it is among them){end}."
         )
     if result.verdict == IDENTIFY_FIRST and result.recalibration:
-        moved = list_words([one.name for one in result.recalibration.moved[:_MOST_MOVED]])
+        shown = result.recalibration.moved[:_MOST_MOVED]
+        moved = list_words([one.name for one in shown])
+        how = "beyond what is stated" if all(one.sigmas > 1.0 for one in shown) else "most"
         return (
             f"Identify the rig first (confidence {sure}): another calibration explains"
-            f" {format_percent(result.recalibration.closed, 1)} of the disagreement; {moved} move beyond what is stated."
+            f" {format_percent(result.recalibration.closed, 1)} of the disagreement; {moved} move {how}."
         )
     count = count_candidates(result)
     what = f"none of the {count} candidates explains" if count > 1 else "no candidate explains"
