@@ -71,6 +71,13 @@ def take_mapping(name: str, value: Any) -> dict[str, Any]:
     return dict(value)
 
 
+def take_name(name: str, value: Any) -> str:
+    """Return `value` if it is a string. Raises InputError."""
+    if not isinstance(value, str):
+        raise InputError(f"{name} is {_show(value)}; a name is needed")
+    return value
+
+
 def take_run(name: str, value: Any) -> Run:
     """Return `value` if it is a Run; the path of a run is not accepted. Raises InputError."""
     if not isinstance(value, Run):

@@ -5,7 +5,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from clutch_hil.bench.arguments import take_function, take_list, take_runs
+from clutch_hil.bench.arguments import (
+    take_flag,
+    take_function,
+    take_list,
+    take_name,
+    take_number,
+    take_path,
+    take_runs,
+)
 from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
@@ -122,15 +130,18 @@ def find_discrepancy(
     The search takes seconds to minutes; no file is written before `Discrepancy.write`. Raises InputError.
     """
     runs, held_out = take_runs("runs", runs), take_runs("held_out", held_out)
-    effects, progress = None if effects is None else take_list("effects", effects), take_function("progress", progress)
+    rig, force, progress = take_name("rig", rig), take_flag("force", force), take_function("progress", progress)
+    if effects is not None:
+        effects = [take_name("effects", name) for name in take_list("effects", effects)]
     if not runs:
         raise InputError("a discrepancy was asked for without runs; one or more are needed")
     if effects == []:
         raise InputError("a discrepancy was asked for without candidates; give names of effects, or None for all")
-    changed = Path(model) if model is not None else None
+    changed = take_path("model", model) if model is not None else None
     models = find_models(rig, changed)
     if calibration is not None:
-        models = [set_calibration(model, calibration) for model in models]
+        share = take_number("calibration", calibration)
+        models = [set_calibration(one, share) for one in models]
     _check_paths([*runs, *held_out])
     named = {f"number {k}" if isinstance(run, Run) else str(run): run for k, run in enumerate([*runs, *held_out], 1)}
     read = {name: run if isinstance(run, Run) else read_columns(Path(run)) for name, run in named.items()}

@@ -162,7 +162,7 @@ def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candid
     for name in names or []:
         if name not in known:
             raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {suggest_closest(name, known)}")
-    return [known[n] for n in names] if names else list(model.candidates)
+    return [known[n] for n in dict.fromkeys(names)] if names else list(model.candidates)
 
 
 def _refuse_for(recalibration: Recalibration, rival: Rival) -> Rival:

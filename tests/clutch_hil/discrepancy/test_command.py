@@ -117,11 +117,16 @@ def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_
         ({"runs": [ch.Run({}, {})]}, "run number 1 lacks the column"),
         ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "effects": ["cubik"]}, "effect 'cubik' is no candidate"),
         ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "calibration": 0.0}, "calibration 0 is not possible"),
+        ({"runs": [], "rig": None}, "rig is None; a name is needed"),
+        ({"runs": [], "effects": ["cubic", 3]}, "effects is 3; a name is needed"),
+        ({"runs": [], "force": "no"}, "force is 'no'; allowed are True and False"),
+        ({"runs": ["a.parquet"], "calibration": "1"}, "calibration is '1'; a number is needed"),
+        ({"runs": ["a.parquet"], "model": 3}, "model is 3; the path of a file is needed"),
     ],
 )
 def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, sentence: str) -> None:
     with pytest.raises(ch.InputError, match=sentence):
-        ch.find_discrepancy(**arguments, rig=MODEL)
+        ch.find_discrepancy(**{"rig": MODEL, **arguments})
 
 
 @pytest.mark.parametrize(
