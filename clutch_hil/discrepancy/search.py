@@ -7,11 +7,14 @@ propose an experiment where effects cannot be distinguished.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from clutch_hil.discrepancy.atlas import find_claims, locate_effect
-from clutch_hil.discrepancy.decision import CALIBRATION_CONFIDENCE, LEAST_CLOSED
+from clutch_hil.discrepancy.decision import CALIBRATION_CONFIDENCE, DISAGREEMENT, LEAST_CLOSED, NONE_CONFIDENCE
 from clutch_hil.discrepancy.experiment_design import propose
-from clutch_hil.discrepancy.held_out import fit_without_each, measure_gaps
+from clutch_hil.discrepancy.held_out import DOUBTFUL_CONFIDENCE, fit_without_each, measure_gaps, note_open_gap
 from clutch_hil.discrepancy.identify_first import look_for_calibration, note_limits, note_rest
 from clutch_hil.discrepancy.memory import check_memory
 from clutch_hil.discrepancy.recalibration import Recalibration
@@ -29,6 +32,7 @@ from clutch_hil.discrepancy.result import (
 )
 from clutch_hil.discrepancy.selection import EffectSelection, Progress
 from clutch_hil.discrepancy.surrogate_term import describe_residual
+from clutch_hil.discrepancy.unlike_runs import compute_powers, describe_held_out, note_unlike
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import LinearModel
 from clutch_hil.fitting.model import Candidate, Columns, Evident, Model, Values, Witnessing
@@ -83,6 +87,18 @@ def investigate(
     if evident and verdict not in (NONE_OF_THESE, IDENTIFY_FIRST):
         verdict = verdict if verdict == ONE_OF else NAMED
         effects = [*(c.name for c in evident), *effects]
+    held_out_alone, at = False, selection.final.point
+    powers = compute_powers(model, list(runs.values()), at, floors, rounding)
+    if verdict == NONE_OF_THESE:
+        notes += note_unlike(list(runs), powers)
+    if held and not np.any(powers > DISAGREEMENT):
+        unseen = describe_held_out(
+            model, held, compute_powers(model, list(held.values()), at, floors, rounding), at, floors
+        )
+        if unseen and verdict == NOTHING:
+            verdict, selection.confidence, held_out_alone = NONE_OF_THESE, NONE_CONFIDENCE, True
+        elif unseen:
+            notes.append(unseen)
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     if selection.reading:
         notes.append(f"the runs are those of a rig in which {selection.reading}")
@@ -96,8 +112,11 @@ def investigate(
     progress("gap on runs that were not fitted", 0.85)
     evidence, before, after = selection.evidence, selection.fits.base, selection.final
     points = [(before.point, after.point)] * len(runs) if held else fit_without_each(evidence, before, after)
-    surrogate = proposed = None
-    if verdict == NONE_OF_THESE:
+    surrogate: dict[str, Any] | None = None
+    proposed = None
+    if held_out_alone:
+        surrogate = {"sentence": unseen, "values": {}}
+    elif verdict == NONE_OF_THESE:
         progress("shape of the rest", 0.9)
         surrogate = describe_residual(model, evidence.runs, floors, *before.point)
         after = _add_surrogate(evidence, before, surrogate["values"])
@@ -110,8 +129,11 @@ def investigate(
     traces = _make_traces(model, runs, held, [*points, *([(before.point, after.point)] * len(held))])
     judged = [t for t in traces if t.held_out or not held]
     gap, by_regime = measure_gaps(model, judged, floors)
+    if verdict in (NAMED, ONE_OF) and not evident and (doubts := note_open_gap(gap)):
+        notes += doubts
+        selection.confidence = min(selection.confidence, DOUBTFUL_CONFIDENCE)
     progress("where they disagree", 0.9)
-    where = find_claims(model, list(runs.values()), floors, *before.point)
+    where = find_claims(model, list((held if held_out_alone else runs).values()), floors, *before.point)
     if verdict in (NAMED, ONE_OF):
         shown = {n: values[0] for one in evident.values() for n, values in one.intervals.items()}
         point = after.point[0], {**after.point[1], **shown}

@@ -116,7 +116,7 @@ def _describe_estimates(estimates: Sequence[Estimate], prefix: str) -> Html:
 def _describe_surrogate(result: Result) -> list[Html]:
     best = max(result.rivals, key=lambda rival: rival.closed, default=None)
     parts = []
-    if best is not None:
+    if best is not None and best.gain > 0.0:
         text = (
             f"The best of the candidates, {format_effect(best.name)}, closes {format_percent(best.closed)} of the gap to the"
             " floor,"

@@ -1,12 +1,14 @@
 """Held out: a run is predicted by what the other runs say, within what is known of the baseline."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from clutch_hil.discrepancy.held_out import fit_without_each
+from clutch_hil.discrepancy.held_out import fit_without_each, note_open_gap
+from clutch_hil.discrepancy.result import Gap
 from clutch_hil.fitting.fit import CHI2_QUANTILE, FreeParameter, LinearModel
 
 COUNT, LENGTH, RUNS = 30, 200, 3
@@ -37,3 +39,15 @@ def test_without_it_the_baseline_is_still_a_likely_one() -> None:
     for first, _ in fit_without_each(evidence, at, at):
         prior_chi2 = sum(value**2 for value in first[0].values())
         assert prior_chi2 == pytest.approx(chi2.ppf(CHI2_QUANTILE, COUNT), rel=0.11)
+
+
+@pytest.mark.parametrize(
+    ("after", "told"),
+    [(0.14, ""), (0.19, "closes 10% of the gap"), (0.25, "closes nothing of the gap")],
+)
+def test_a_gap_that_stays_open_on_runs_not_fitted_is_noted(after: float, told: str) -> None:
+    gaps = {"motor": Gap(0.2, after, 0.05), "oil": Gap(0.1, 0.1, 0.1), "unknown": Gap(math.nan, math.nan, 0.1)}
+    notes = note_open_gap(gaps)
+    assert len(notes) == bool(told)
+    assert all(told in note for note in notes)
+    assert note_open_gap({"oil": gaps["oil"]}) == []
