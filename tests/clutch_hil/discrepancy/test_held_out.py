@@ -1,6 +1,7 @@
 """Held out: a run is predicted by what the other runs say, within what is known of the baseline."""
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,13 +16,23 @@ COUNT, LENGTH, RUNS = 30, 200, 3
 FREE = tuple(FreeParameter(f"p{i}", 0.1, 1.0, -3.0, 3.0, 0.0) for i in range(COUNT))
 
 
-def make_linear_model(wanted: np.ndarray) -> tuple[SimpleNamespace, LinearModel]:
-    """A model at its known parameters, and runs that ask for others: `wanted` (RUNS, COUNT)."""
+def make_linear_model(
+    wanted: np.ndarray, bend: Callable[[np.ndarray], np.ndarray] = lambda move: move
+) -> tuple[SimpleNamespace, LinearModel]:
+    """A model at its known parameters, and runs that ask for others: `wanted` (RUNS, COUNT). bend: what a move really does."""
     jacobian = 100.0 * np.random.default_rng(5).standard_normal((RUNS * LENGTH, COUNT))
     pieces = [slice(k * LENGTH, (k + 1) * LENGTH) for k in range(RUNS)]
     residual = np.concatenate([-jacobian[p] @ w for p, w in zip(pieces, wanted, strict=True)])
     at = LinearModel(({f.name: 0.0 for f in FREE}, {}), FREE, residual, jacobian, 1.0)
-    return SimpleNamespace(runs=[None] * RUNS, pieces=pieces, size=RUNS * LENGTH), at
+
+    def compute_residuals(points: list) -> list[np.ndarray]:
+        moves = [np.array([parameters[f.name] for f in FREE]) for parameters, _ in points]
+        return [residual + jacobian @ bend(move) for move in moves]
+
+    evidence = SimpleNamespace(
+        runs=[None] * RUNS, pieces=pieces, size=len(residual), compute_residuals=compute_residuals
+    )
+    return evidence, at
 
 
 def test_the_run_that_is_left_out_has_no_say() -> None:
@@ -39,6 +50,16 @@ def test_without_it_the_baseline_is_still_a_likely_one() -> None:
     for first, _ in fit_without_each(evidence, at, at):
         prior_chi2 = sum(value**2 for value in first[0].values())
         assert prior_chi2 == pytest.approx(chi2.ppf(CHI2_QUANTILE, COUNT), rel=0.11)
+
+
+@pytest.mark.parametrize(("power", "largest"), [(1.0, 0.99), (8.0, 0.4)])
+def test_a_step_that_fits_the_others_worse_is_shortened(power: float, largest: float) -> None:
+    """The recovery of a fade went to its bound, and the fitted runs were off by ten floors."""
+    wanted = np.zeros((RUNS, COUNT))
+    wanted[:2, 0] = 1.0
+    evidence, at = make_linear_model(wanted, lambda move: np.sign(move) * ((1.0 + np.abs(move)) ** power - 1.0) / power)
+    reached = fit_without_each(evidence, at, at)[2][1][0]["p0"]
+    assert reached == pytest.approx(largest, abs=0.06)
 
 
 @pytest.mark.parametrize(
