@@ -101,7 +101,7 @@ def investigate(
             notes.append(unseen)
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     if selection.reading:
-        notes.append(f"the runs are those of a rig in which {selection.reading}")
+        notes.append(f"the baseline alone fits these runs better where {selection.reading}")
     baseline = selection.estimate_parameters(effects=False)
     notes += note_limits(model, baseline, recalibration)
     rivals = selection.judge_rivals()
