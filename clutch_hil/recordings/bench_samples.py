@@ -95,7 +95,7 @@ def find_samples(log: BusLog, frames: Mapping[str, SoundFrames]) -> BenchSamples
     notes = [f"rows are the samples of the bench, by SAMPLE_TICK at {rate:g} Hz"]
     if off:
         notes.append(
-            f"left out {format_count(off, 'sample')} in which the motor is not enabled: no speed is asked of it"
+            f"left out {format_count(off, 'sample')} in which the motor is not enabled: it has no speed demand"
         )
     if alone:
         notes.append(f"left out {format_count(alone, 'frame')} of ENCODER without one of ANALOG_SENSORS")

@@ -130,7 +130,7 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
         for channel in channels:
             if channel.number == wanted:
                 return channel
-        raise InputError(f"recording {file} has {len(channels)} columns; column number {wanted} is asked for")
+        raise InputError(f"recording {file} has no column number {wanted}; it has {len(channels)} columns")
     if exact := [channel for channel in channels if channel.path == wanted]:
         return exact[0]
     spaced = " ".join(

@@ -35,7 +35,7 @@ class ColumnFormula:
         except ValueError as error:
             raise InputError(f"{name}: {error}") from None
         if not self._formula.names:
-            raise InputError(f"{name} has the formula {text!r}, without a column in it; `constant` gives one value")
+            raise InputError(f"the formula {text!r} of {name} uses no column; use `constant` for one value")
 
     def check_names(self, above: set[str], below: set[str]) -> None:
         """Raise InputError for a name that is neither a column of the file nor of a formula `above`. below: of this and later
@@ -43,11 +43,12 @@ class ColumnFormula:
         for name in self._formula.names:
             if name in below:
                 raise InputError(
-                    f"{self._name}: its formula needs {name}, which is computed itself; set the line of {name} above it"
+                    f"{self._name}: its formula needs {name}, which is also computed; put the line of {name} above it"
                 )
             if name not in above:
                 raise InputError(
-                    f"{self._name}: its formula needs {name!r}, which is no column of the map; {suggest_closest(name, above)}"
+                    f"{self._name}: its formula needs {name!r}, which is not a column of the map;"
+                    f" {suggest_closest(name, above)}"
                 )
 
     def compute(self, file: Path, columns: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -95,10 +96,10 @@ class ColumnFormula:
         """Return the argument of a column function as an array. Raises InputError for a single number and for non-finite
         values."""
         if not np.ndim(values):
-            raise InputError(f"{self._name}: {function} is of the number {values:g}; allowed is a column")
+            raise InputError(f"{self._name}: {function} has as its argument the number {values:g}; a column is needed")
         if len(bad := np.flatnonzero(~np.isfinite(values))):
             raise InputError(
-                f"recording {file}: {function} in the formula of {self._name} meets no number in row {bad[0]}, one of"
-                f" {len(bad)} such rows"
+                f"recording {file}: {function} in the formula of {self._name} is applied to a value that is not a"
+                f" number in row {bad[0]}, one of {len(bad)} such rows"
             )
         return np.asarray(values, float)

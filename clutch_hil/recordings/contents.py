@@ -15,7 +15,7 @@ from clutch_hil.recordings.unit_in_name import hint_unit
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
 
-_NO_UNIT = "  # the file tells no unit that is known: set unit, and the end of the name"
+_NO_UNIT = "  # the file states no known unit: set unit, and the ending of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
 _VALVE, _MOST_CURRENTS = "valve_voltage_v", 5
 
@@ -67,13 +67,13 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     rasters = {channel.raster for channel in usable}
     lines = [
         f"# Draft of an import map for {_format_comment(file.name)}.",
-        "# Keep the columns that you need, and give them the names of your rig (docs/rig.md).",
-        "# The end of a name is its unit; the file's own unit is converted.",
+        "# Keep the columns that you need, and give them the names that your rig uses (docs/rig.md).",
+        "# The ending of a name is its unit; the unit in the file is converted to it.",
         'notes = "where the data come from"',
         "",
         "[file]",
         *(f"{key} = {_format_toml(value)}" for key, value in options),
-        *(["# rasters differ: name a common rate", "resample_hz = 100.0"] if len(rasters) > 1 else []),
+        *(["# sample times differ: choose a common rate", "resample_hz = 100.0"] if len(rasters) > 1 else []),
         "",
         "[columns]",
         _draft_time(clock, recording),
@@ -89,17 +89,17 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
         name = _choose_unused_name(_simplify_name(stem), end or "1", names)
         names.add(name)
         entry = _make_reference(channel, recording) + _make_unit_entry(channel, hinted or "1")
-        remark = "  # unit by its name" if hinted else "" if end else _NO_UNIT
+        remark = "  # unit taken from its name" if hinted else "" if end else _NO_UNIT
         if end == "bar" and is_absolute(channel):
             entry += f", offset = {offset_air(unit):.5g}"
-            remark = "  # absolute, by its name or unit: the pressure of the air is taken off"
+            remark = "  # absolute, by its name or unit: the offset subtracts the air pressure"
         lines.append(f"{name} = {{ {entry} }}{remark}")
     if empty:
         lines.append(f"# left out, with {NO_VALUES}: {name_first([_format_comment(c.path) for c in empty])}")
     if missing := [name for name in REQUIRED if name not in names]:
         lines += [
             "",
-            "# A run of a wet clutch (docs/rig.md) has these columns, too: call yours so.",
+            "# A run of a wet clutch (docs/rig.md) also has the columns below: give yours these names.",
             f"# {', '.join(missing)}",
             '# What was not measured may be left out, constant = 0.0 or formula = "..." (docs/identify.md, A missing sensor).',
             *(_draft_valve(usable, recording) if _VALVE in missing else []),
@@ -113,8 +113,8 @@ def _draft_valve(channels: Sequence[Channel], recording: Recording) -> list[str]
         channel for channel in channels if _find_ending(simplify_unit(channel.unit or _take_hint(channel))) == "a"
     ]
     return [
-        f'# {_VALVE} = {{ {_make_reference(c, recording)}, unit = "V", unit_from = "map", scale = }}  # a current of the valve'
-        f" takes the place of its voltage: scale is the V a {simplify_unit(c.unit or _take_hint(c))} (docs/identify.md)"
+        f'# {_VALVE} = {{ {_make_reference(c, recording)}, unit = "V", unit_from = "map", scale = }}  # a valve current'
+        f" can replace the voltage: scale is in V per {simplify_unit(c.unit or _take_hint(c))} (docs/identify.md)"
         for c in currents[:_MOST_CURRENTS]
     ]
 
@@ -131,16 +131,16 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
             remark += f", as {_format_comment(other.name)} rises otherwise" if other else ""
             return f"{'# ' if other else ''}time_s = {{ rate_hz = {stated[0].rates[0]:.12g} }}  # {remark}"
         return (
-            '# time_s = { from = "", unit = "s" }  # no column is called time or has its unit: name it, or set rate_hz'
+            '# time_s = { from = "", unit = "s" }  # no column has the name or unit of a time: name one, or set rate_hz'
         )
     hinted = _take_hint(clock)
     entry = _make_unit_entry(clock, hinted or "s")
     if entry and not hinted and (step := _find_whole_step(clock, recording)):
         return (
-            f'# time_s = {{ {_make_reference(clock, recording)}, unit = "ms" }}  # rises by {step:g} a row, and the file tells'
+            f'# time_s = {{ {_make_reference(clock, recording)}, unit = "ms" }}  # rises by {step:g} a row, and the file states'
             " no unit: set ms, us or s, or rate_hz where it counts rows"
         )
-    remark = f"  # the file tells no unit of time: check that it is {hinted or 's'}" if entry else ""
+    remark = f"  # the file states no unit of time: check that it is {hinted or 's'}" if entry else ""
     return f"time_s = {{ {_make_reference(clock, recording)}{entry} }}{remark}"
 
 

@@ -85,7 +85,9 @@ def find_unit(column: str) -> str:
     for end in ("_".join(words[-2:]), words[-1]):
         if end in UNITS and len(words) > 1:
             return UNITS[end]
-    raise InputError(f"column {column!r} tells no unit; allowed ends are {', '.join('_' + end for end in UNITS)}")
+    raise InputError(
+        f"column {column!r} does not end with a unit; allowed endings are {', '.join('_' + end for end in UNITS)}"
+    )
 
 
 def read_column(column: str, columns: TomlTable) -> ForeignColumn:
@@ -133,7 +135,7 @@ def _read_rate(column: str, entry: TomlTable) -> ForeignColumn:
     """Read a time that counts rows at a rate."""
     rate, source = entry.get("rate_hz", float), entry.get("unit_from", str, "file")
     if column != "time_s" or not {*entry} <= {"rate_hz", "unit_from"}:
-        raise InputError(f"{column} has rate_hz; allowed is it as the one entry of time_s")
+        raise InputError(f"{column} has rate_hz; it is allowed only as the single entry of time_s")
     _check_source(column, source)
     if not 0.0 < rate <= _MOST_HZ:
         raise InputError(f"time_s.rate_hz is {rate:g}; allowed is above 0, up to {_MOST_HZ:g}")
@@ -144,7 +146,7 @@ def _read_constant(column: str, entry: TomlTable) -> ForeignColumn:
     """Read a constant column, which is not in the file."""
     value = entry.get("constant", float)
     if column == "time_s" or list(entry) != ["constant"]:
-        raise InputError(f"{column} has constant; allowed is it as the one entry of a column that is not time_s")
+        raise InputError(f"{column} has constant; it is allowed only as the single entry of a column other than time_s")
     if not abs(value) <= _LARGEST:
         raise InputError(f"{column}.constant is {value:g}; allowed is a number up to {_LARGEST:g}")
     return ForeignColumn(0, constant=value)
@@ -153,7 +155,7 @@ def _read_constant(column: str, entry: TomlTable) -> ForeignColumn:
 def _read_formula(column: str, entry: TomlTable) -> ForeignColumn:
     """Read a column that is computed from others."""
     if column == "time_s" or list(entry) != ["formula"]:
-        raise InputError(f"{column} has formula; allowed is it as the one entry of a column that is not time_s")
+        raise InputError(f"{column} has formula; it is allowed only as the single entry of a column other than time_s")
     return ForeignColumn(0, formula=ColumnFormula(column, entry.get("formula", str)))
 
 
@@ -254,7 +256,7 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
         ):  # true and false, or names of states
             return "1"
         if not source.unit:
-            raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
+            raise InputError(f"recording {path} states no unit of {channel.name!r} for {name}; set `unit` in the map")
         if not written:
             _check_hint(path, name, source, channel)
         return source.unit
@@ -271,7 +273,9 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
                 f" {source.unit} by the map; set unit_from = 'map', and scale and offset where its numbers need them"
                 f"{', or rate_hz where it counts rows' if name == 'time_s' else ''}"
             ) from None
-        notes.append(f"{channel.name}: the file's unit {channel.unit!r} is unknown; the map's counts, {source.unit}")
+        notes.append(
+            f"{channel.name}: the file's unit {channel.unit!r} is unknown; the map's unit {source.unit} is used"
+        )
         return source.unit
     if (
         not fits and find_unit(name) == "rad/s" and have_same_quantity(written, "Hz")
@@ -290,7 +294,7 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
             f" unit_from = 'map' and scale, in {find_unit(name)} per {channel.unit}"
         )
     if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
-        notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")
+        notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit is used")
     return written
 
 

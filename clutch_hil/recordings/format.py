@@ -80,6 +80,6 @@ def open_recording(path: Path, options: Mapping[str, Any] | None = None) -> Reco
     if wrong := [key for key in given if key not in one.keys]:
         allowed = ", ".join(one.keys) or "no entry"
         raise InputError(
-            f"import map: file.{wrong[0]} means nothing for {path}, which is {one.name}; allowed is {allowed}"
+            f"import map: file.{wrong[0]} is not an option of {path}, which is {one.name}; allowed is {allowed}"
         )
     return one.open(path, given)

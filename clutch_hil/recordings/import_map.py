@@ -90,7 +90,7 @@ class ImportMap:
                 f"import map {self.name} has no column time_s; `clutch-hil import --draft` lists what a file has"
             )
         if not any(one.is_read for name, one in self.columns.items() if name != "time_s"):
-            raise InputError(f"import map {self.name} has no column beside time_s")
+            raise InputError(f"import map {self.name} has no column except time_s")
         recording = open_recording(path, self.options)
         if self.skip_rows and (
             units := getattr(recording, "units_rows", 0)

@@ -206,7 +206,7 @@ def _remove_missing(file: Path, column: TimedColumn, notes: list[str]) -> TimedC
     missing = int(np.sum(~finite))
     if len(finite) - missing < 2:
         raise InputError(f"recording {file}: {column.name} has {len(finite) - missing} numbers; at least 2 are needed")
-    notes.append(f"{column.name}: {missing} of {len(finite)} samples are no numbers, and count as missing")
+    notes.append(f"{column.name}: {missing} of {len(finite)} samples are not numbers, and count as missing")
     return replace(column, time=column.time[finite], values=column.values[finite])
 
 

@@ -57,9 +57,9 @@ def note_other_numbers(path: str, names: Mapping[float, str]) -> str:
     if len({re.sub(r"\d+", "", names[number]) for number in numbers}) != 1 or len(numbers) < 2 or not other:
         return ""
     examples = ", ".join(f"{number:g} is {names[number]!r}" for number in other[:_MOST_TOLD])
-    return f"{path}: its values are the numbers of the file, and its names have others: {examples}"
+    return f"{path}: the numbers of the file are used, although its names contain others: {examples}"
 
 
 def note_names(path: str, text: str) -> str:
     """Return a note that the values in the names are used."""
-    return f"{path}: its names say other values than its numbers, and count: {text}"
+    return f"{path}: its names differ from its numbers, and the names are used: {text}"

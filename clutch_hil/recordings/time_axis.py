@@ -149,7 +149,7 @@ def add_times(
         if own := times.get(name):
             begin = origin * _count_seconds(reading, clock) / _count_seconds(reading, own.channel)
             time = convert_signal(reading, "time_s", own, [], begin)
-            notes.append(f"{name}: at the times of {own.channel.path!r}, which stands beside it")
+            notes.append(f"{name}: at the times of {own.channel.path!r}, which is next to it")
         elif signal.channel.raster == clock.raster:
             time = axis
         elif clock.kind == "time" and signal.time is not None:
@@ -218,7 +218,7 @@ def _check_unit(reading: Reading, clock: Channel, axis: np.ndarray, notes: list[
     whole = np.all(axis == np.rint(axis)) and not _ROWS.fullmatch(clock.name)
     if unit == "s" and step >= _LONG_STEP and whole:
         notes.append(
-            f"time_s rises by {step:g} s a row in whole numbers, and the file tells no unit of {clock.path!r}: it counts ms or"
+            f"time_s rises by {step:g} s a row in whole numbers, and the file states no unit of {clock.path!r}: it counts ms or"
             " us, perhaps; set unit then"
         )
 

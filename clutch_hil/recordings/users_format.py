@@ -58,7 +58,7 @@ class _UsersRecording:
         with _tell(f"{self._what}: read"):
             signals = list(self._own.read(channels))
         if len(signals) != len(channels) or not all(isinstance(signal, Signal) for signal in signals):
-            raise InputError(f"{self._what}: read gives no Signal for each of the {len(channels)} channels")
+            raise InputError(f"{self._what}: read does not return one Signal for each of the {len(channels)} channels")
         return signals
 
 

@@ -79,7 +79,7 @@ def count_sound_objects(path: Path, most: int) -> tuple[int, str]:
     if tail.strip(b"\0"):
         return frames, "the log ends within an object"
     if stated != size:
-        return frames, f"the log was not closed, or is cut: its head tells {stated} bytes, the file has {size}"
+        return frames, f"the log was not closed, or is cut: its header states {stated} bytes, the file has {size}"
     return frames, ""
 
 

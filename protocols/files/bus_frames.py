@@ -194,7 +194,7 @@ class FrameCollector:
             tuple(map(self._channel_name, self._channels)), damaged, cut, notes,
         )  # fmt: skip
         if damaged:
-            notes.append(f"left out {damaged} lines that are no frame")
+            notes.append(f"left out {damaged} lines that are not frames")
         if cut:
             notes.append(cut)
         backwards = np.diff(log.stamps) < 0

@@ -85,7 +85,7 @@ def _read_any(path: Path, head: bytes) -> BusLog:
 def _read_head(path: Path) -> bytes:
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
-            raise InputError(f"log {path} is no file")
+            raise InputError(f"log {path} is not a file")
         with path.open("rb") as file:
             head = file.read(_BLOCK)
     except FileNotFoundError:
@@ -160,7 +160,7 @@ def _collect(
                     numbers.append(lines.number)
                 if lines.damaged > max(len(collector) + usual, _FEW):
                     raise InputError(
-                        f"log {path} ({lines.found.name}): line {lines.first_damaged} is no frame, and so are more than half of"
+                        f"log {path} ({lines.found.name}): line {lines.first_damaged} is not a frame, nor are more than half of"
                         f" the {lines.number} lines to here"
                     )
         except (ValueError, LookupError, TypeError, ArithmeticError, NotImplementedError) as error:
@@ -168,7 +168,9 @@ def _collect(
                 raise InputError(f"log {path} cannot be read: {' '.join(str(error).split())[:200]}") from None
         lines.restart()
         if lines.damaged > max(len(collector) + usual, _FEW):
-            raise InputError(f"log {path} ({lines.found.name}): line {lines.first_damaged} is no frame; it is damaged")
+            raise InputError(
+                f"log {path} ({lines.found.name}): line {lines.first_damaged} is not a frame; it is damaged"
+            )
     return numbers
 
 

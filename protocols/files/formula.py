@@ -40,7 +40,7 @@ class Formula:
             self.names = tuple(dict.fromkeys(self._list_names(body)))
         except (SyntaxError, RecursionError, MemoryError):
             raise ValueError(
-                f"formula {shown!r} is none: numbers, names, + - * / ^ and functions are allowed"
+                f"{shown!r} is not a formula; allowed are numbers, names, + - * / ^ and functions"
             ) from None
         except ValueError as error:
             raise ValueError(f"formula {shown!r}: {error}") from None
@@ -71,7 +71,7 @@ class Formula:
                 for argument in arguments:
                     yield from self._list_names(argument)
             case _:
-                raise ValueError(f"{ast.unparse(node)!r} means nothing in it; see docs/recordings.md")
+                raise ValueError(f"{ast.unparse(node)!r} is not allowed in it; see docs/recordings.md")
 
     def _check_call(self, name: str, given: int) -> None:
         counts = {**{known: ufunc.nin for known, ufunc in FUNCTIONS.items()}, **self._further}

@@ -36,7 +36,7 @@ def make_journal_path(run: Path) -> Path:
 def find_run(journal: Path) -> Path:
     """Return the path of the run that a journal is of. Raises InputError for another file."""
     if not journal.name.endswith(_SUFFIX):
-        raise InputError(f"{journal} is no journal of a run; its name ends with {_SUFFIX}")
+        raise InputError(f"{journal} is not a journal of a run; the name of a journal ends with {_SUFFIX}")
     return journal.with_name(journal.name.removesuffix(_SUFFIX))
 
 
@@ -146,7 +146,7 @@ class JournalReader:
             schema = self._stream.schema
             fields = [schema.field(k) for k in range(len(schema))] if len(schema) <= _MOST_COLUMNS else []
             if not fields or any(field.type != pa.float64() for field in fields):
-                raise InputError(f"journal {self.path} is none of a run: it has other columns than numbers")
+                raise InputError(f"journal {self.path} is not that of a run: it has columns that are not numbers")
             texts = [{k.decode(): v.decode() for k, v in (field.metadata or {}).items()} for field in fields]
             self.columns = [
                 Column(field.name, text.get("unit", ""), text.get("meaning", ""))

@@ -261,13 +261,13 @@ class LogLines(io.TextIOBase):
                 frames, backward = frames + len(stamps), backward + int(np.count_nonzero(np.diff(stamps) < 0))
         if frames > _FEW_FRAMES and backward > _BACKWARD_SHARE * frames:
             remedy = (
-                "; write `timestamps relative` behind the base in its head"
+                "; write `timestamps relative` after the base in its header"
                 if self.found.kind == "asc"
                 else " (candump -t d); record with candump -L"
             )
             raise InputError(f"log {self.path} has times between frames, not times{remedy}")
         if self._requests:
-            self.notes.append(f"left out {self._requests} requests to send (TxRq): they are no frames on the bus")
+            self.notes.append(f"left out {self._requests} requests to send (TxRq): they are not frames on the bus")
         if self.found.relative:
             self.notes.append("added up times: each counts from the line before (timestamps relative)")
 

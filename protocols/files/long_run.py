@@ -37,7 +37,7 @@ class _ColumnsOnDemand(Mapping[str, np.ndarray]):
         if name not in self._read:
             place = self._places[name]
             held = 8.0 * self._file.rows * (len(self._read) + 1)
-            check_bytes(f"run {self._path}: what is asked of it needs", held, PART_ADVICE)
+            check_bytes(f"run {self._path}: the requested columns need", held, PART_ADVICE)
             self._read[name] = convert_numbers(self._file.read([place])[0])
         return self._read[name]
 

@@ -262,7 +262,7 @@ class Mdf4Walk(BlockWalk):
         if size > _MOST_INFLATED or (method in _DEFLATE and size > _BEST_DEFLATE * packed):
             raise make_damage_error(
                 self._path,
-                f"{packed} bytes of data at byte {address} are said to become {size};"
+                f"{packed} bytes of data at byte {address} expand to {size} by their header;"
                 f" allowed are {min(_MOST_INFLATED, _BEST_DEFLATE * packed)}",
             )
         if row_bytes:

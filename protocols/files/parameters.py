@@ -51,7 +51,7 @@ class Parameter:
         if not 0.0 <= self.uncertainty < inf:
             raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")
         if not self.source.strip():
-            raise InputError(f"parameter {self.name} has no source; say where its value comes from")
+            raise InputError(f"parameter {self.name} has no source; state where its value comes from")
 
     @property
     def si(self) -> float:
@@ -176,7 +176,7 @@ def _read_entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tupl
     groups = _find_part(path, document, part, rig) if CALIBRATION in document else document
     for group, entries in groups.items():
         if not isinstance(entries, dict):
-            raise InputError(f"{path}: {group} stands outside a [group]")
+            raise InputError(f"{path}: {group} is outside of a [group]")
         for name, entry in entries.items():
             yield f"{group}.{name}", entry
 

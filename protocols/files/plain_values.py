@@ -26,7 +26,7 @@ def write_value(value: Any, stream: IO[bytes]) -> None:
         if isinstance(part, np.generic):
             return part.item()
         if not isinstance(part, np.ndarray) or part.dtype.kind not in _KINDS:
-            raise TypeError(f"{type(part).__name__} is no plain value")
+            raise TypeError(f"{type(part).__name__} is not a plain value")
         arrays.append(np.ascontiguousarray(part).reshape(part.shape))
         return {_ARRAY: str(len(arrays) - 1)}
 

@@ -169,8 +169,8 @@ def read_columns(path: Path, stretch: Stretch = WHOLE) -> Run:
         declared = run.units.get(name, "").strip()
         if declared not in _NO_UNIT and contradict(declared, unit):
             raise InputError(
-                f"run {path}: column {name} has the unit {declared}; its name says {unit}. Write the values in {unit}, or read"
-                " the file by a map of clutch-hil import"
+                f"run {path}: column {name} has the unit {declared}; by its name it is in {unit}. Write the values in"
+                f" {unit}, or read the file by a map of clutch-hil import"
             )
     return run
 
@@ -212,9 +212,9 @@ def _read_matlab(path: Path, head: bytes) -> Run:
 def _make_strange_error(path: Path, head: bytes) -> InputError:
     """Return the error for a file of unknown format."""
     if kind := _KINDS.get(path.suffix.lower()):
-        return InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
+        return InputError(f"run {path} cannot be read: it is not a {kind} file, it begins with {head[:8]!r}")
     return InputError(
-        f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)},"
+        f"run {path} is not a table of numbers: it begins with {head[:8]!r}; allowed are {join_names(SUFFIXES)},"
         " .mat; a recording of another tool becomes a run by clutch-hil import"
     )
 

@@ -158,7 +158,7 @@ def test_an_unreadable_file_is_refused_by_name(tmp_path: Path, name: str) -> Non
 
 def test_a_file_that_only_begins_as_one_of_matlab_is_not_called_one(tmp_path: Path) -> None:
     (tmp_path / "junk.bin").write_bytes(b"\0\0\0\0abc")
-    assert "junk.bin is no table of numbers: it begins with" in find_refusal(tmp_path / "junk.bin")
+    assert "junk.bin is not a table of numbers: it begins with" in find_refusal(tmp_path / "junk.bin")
     (tmp_path / "junk.mat").write_bytes(b"\0\0\0\0abc")
     assert "junk.mat cannot be read: " in find_refusal(tmp_path / "junk.mat")
 

@@ -117,7 +117,7 @@ def test_a_name_is_taken_once(tmp_path: Path) -> None:
     write(tmp_path / "run.parquet")
     with pytest.raises(InputError, match="another recorder writes it"):
         Journal(tmp_path / "run.parquet", COLUMNS, METADATA)
-    with pytest.raises(InputError, match="no journal of a run"):
+    with pytest.raises(InputError, match="not a journal of a run"):
         find_run(tmp_path / "run.parquet")
 
 

@@ -82,7 +82,7 @@ def test_a_log_of_damaged_lines_is_refused_as_before(tmp_path: Path, monkeypatch
     path = tmp_path / "bus.log"
     path.write_text("(1.5) can0 100#00\n(1.6) can0 100#00\n" + "(1.5) can0 100#0G\n" * 3000)
     for read in (read_bus_log, lambda path: read_by_python_can(path, monkeypatch)):
-        with pytest.raises(InputError, match="is no frame"):
+        with pytest.raises(InputError, match="is not a frame"):
             read(path)
     few = "(1.5) can0 100#00\n" * 4000 + "(1.5) can0 100#0G\n" * 3000
     path.write_text(few)

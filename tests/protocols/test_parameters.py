@@ -282,7 +282,7 @@ def test_a_folder_is_no_parameter_file(tmp_path: Path, load: Callable[[Path], Pa
 
 def test_a_value_outside_a_group_is_told_in_one_sentence(user: Path, load: Callable[[Path], ParameterSet]) -> None:
     user.write_text("coulomb_slope = 11.0\n", encoding="utf-8")
-    find_refusal(lambda: load(user), str(user), "coulomb_slope stands outside a [group]")
+    find_refusal(lambda: load(user), str(user), "coulomb_slope is outside of a [group]")
 
 
 # Sets do not change

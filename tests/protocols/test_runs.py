@@ -87,7 +87,7 @@ def test_an_opened_run_has_each_column_when_it_is_asked_for(path: Path, monkeypa
     for name in RIG:
         np.testing.assert_array_equal(run[name], wanted[name])
     assert "truth_x_m" in run
-    with pytest.raises(InputError, match=f"run {path}: what is asked of it needs"):  # the tenth column
+    with pytest.raises(InputError, match=f"run {path}: the requested columns need"):  # the tenth column
         run["truth_x_m"]
 
 
@@ -158,7 +158,8 @@ def test_a_unit_that_the_name_of_a_column_denies_is_refused(tmp_path: Path, unit
         assert len(read_run(file)["clutch_torque_nm"]) == 5
         return
     with pytest.raises(
-        InputError, match=f"column clutch_torque_nm has the unit {unit}; its name says Nm. Write the values in Nm"
+        InputError,
+        match=f"column clutch_torque_nm has the unit {unit}; by its name it is in Nm. Write the values in Nm",
     ):
         read_run(file)
 

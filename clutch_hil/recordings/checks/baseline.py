@@ -53,8 +53,8 @@ def find_reversed(run: Recorded) -> list[Finding]:
         if r < _REVERSED:
             assert known.predicted is not None
             text = (
-                f"goes against {known.source} (correlation {r:.2f}): turn its sign, or that of an input, by scale = -1.0 in the"
-                " import map"
+                f"goes against {known.source} (correlation {r:.2f}): reverse its sign, or that of an input, by scale"
+                " = -1.0 in the import map"
             )
             turned = is_turned(run.columns[name], known.predicted) or (r < _SURELY_REVERSED and not known.slow)
             findings.append(

@@ -51,8 +51,8 @@ def find_late_inputs(run: Recorded) -> list[Finding]:
             continue
         behind = "behind" if delay[0] > 0.0 else "before"
         text = (
-            f"is {abs(delay[0]):.3g} s {behind} what {implied.source} tells of it: its clock is not that of the force;"
-            " shift it, or record with one clock"
+            f"is {abs(delay[0]):.3g} s {behind} its course computed from {implied.source}: its clock differs from"
+            " that of the force; shift it, or record with one clock"
         )
         # friction follows a position late where the contact bends first, and never comes before it
         hard = delay[0] > EARLY if implied.values is None else abs(delay[0]) > _LATE
@@ -108,8 +108,8 @@ def _find_constant(run: Recorded, name: str, implied: Implied) -> list[Finding]:
     if not moved > max(_MOVE * mean, MOVES * implied.floor):
         return []
     text = (
-        f"is {run.columns[name][0]:.6g} {run.known[name].unit} throughout, where {implied.source} tells of one that moves by"
-        f" {moved:.3g}: a set value, or a dead channel; map the one that was measured"
+        f"is {run.columns[name][0]:.6g} {run.known[name].unit} throughout, but by {implied.source} it should move by"
+        f" {moved:.3g}: it is a set value or a dead channel; map the measured one"
     )
     return [Finding("dead", name, run.rows, text, False)]
 
@@ -122,7 +122,7 @@ def _find_frozen(run: Recorded, name: str, implied: Implied, rests: list[tuple[i
     for first, last in sorted(rests, key=lambda rest: rest[0] - rest[1]):
         if (moved := _move(run, implied.values, slice(first, last + 1))) > least:
             text = (
-                f"{_explain_kept(run, name, first, last)}, in which {implied.source} tells that it moves by {moved:.3g}: the"
+                f"{_explain_kept(run, name, first, last)}, in which by {implied.source} it should move by {moved:.3g}: the"
                 " channel"
                 " froze, or is at its end; leave this stretch out"
             )
@@ -142,7 +142,7 @@ def _find_reversals(run: Recorded, name: str, implied: Implied, rests: list[tupl
     first, last, _ = max(turned, key=lambda rest: (rest[2], rest[1] - rest[0]))
     text = (
         f"{_explain_kept(run, name, first, last)}, in which the"
-        f" friction in {implied.source} turns round (in all such stretches {count} times): the channel froze, or is at its end"
+        f" friction in {implied.source} reverses ({count} times in all such stretches): the channel froze, or is at its end"
     )
     return [Finding("frozen", name, (first, last), text, count > 1)]
 

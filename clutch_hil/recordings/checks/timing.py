@@ -113,7 +113,7 @@ def cut_at_fault(columns: Mapping[str, np.ndarray]) -> tuple[Mapping[str, np.nda
             first, name = int(at[0]), column
     if not name:
         return columns, None
-    text = f"tells a fault from {columns['time_s'][first]:.4g} s on; only the {first} rows before it count"
+    text = f"shows a fault from {columns['time_s'][first]:.4g} s on; only the {first} rows before it are used"
     kept = {column: values[:first] for column, values in columns.items()}
     return kept, Finding("fault", name, (first, rows - 1), text, False)
 

@@ -211,9 +211,9 @@ def find_placeholder(values: np.ndarray, fewest: int = 2) -> tuple[str, np.ndarr
         away = float(np.min(np.abs(others - value)))
         if 0.0 < _FAR_AWAY * span < away:
             text = (
-                f"is {value:.6g} in {format_count(len(rows), 'row')}, {away / span:.2g} times the movement of all others away"
-                " from them: where this stands for no value, set missing for it in the import map, as the number that the file"
-                " has"
+                f"is {value:.6g} in {format_count(count, 'row')}, away from all other values by {away / span:.2g}"
+                " times their range: if it marks a missing value, set missing for this column in the import map to the"
+                " number that the file has"
             )
             return text, rows
     return "", np.zeros(0, int)
@@ -229,11 +229,11 @@ def find_outliers(run: Recorded) -> list[Finding]:
         rows, _ = find_spikes(values, known.floor)
         if len(rows):
             text = (
-                f"has {format_count(len(rows), 'sample')} alone, far from the neighbours, the first in row {rows[0]}:"
-                " replace what is no signal before the import"
+                f"has {format_count(len(rows), 'isolated sample')} far from the neighbours, the first in row {rows[0]}:"
+                " replace outliers before the import"
             )
             many = len(rows) > MANY_SPIKES * len(values)
-            text += "" if many else "; identify does that, discrepancy takes it for signal"
+            text += "" if many else "; identify replaces them, discrepancy treats them as signal"
             findings.append(Finding("outliers", name, (int(rows[0]), int(rows[-1])), text, many))
     return findings
 

@@ -51,13 +51,13 @@ class Matlab:
             head = file.read(4096)
         if _is_cut_level73(head):
             raise InputError(
-                f"recording {path} is cut or damaged: it says that it is a MATLAB 7.3 file, and has no HDF5 content"
+                f"recording {path} is cut or damaged: its header is that of a MATLAB 7.3 file, but it has no HDF5 content"
             )
         if is_level73(head):
             return IsolatedRecording(path, f"{__name__}:open_level73")
         if not (is_level5(head) or is_level4(head)):
             raise InputError(
-                f"recording {path} is cut or damaged: it says that it is a MATLAB file, and of no level that there is"
+                f"recording {path} is cut or damaged: its header is that of a MATLAB file, but of an unknown level"
             )
         return MatlabRecording(BinaryFile(path), is_level5(head))
 

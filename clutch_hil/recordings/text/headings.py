@@ -286,7 +286,7 @@ def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[st
     nearest = range(max(len(above) - _SEARCHED, 0), len(above))
     lines = ", ".join(str(above[number].number) for number in nearest) or "none"
     raise InputError(
-        f"recording {path}: units_row is {wanted}, which is no line of {width} cells above the rows; lines there are {lines}"
+        f"recording {path}: units_row is {wanted}, which is not a line of {width} cells above the rows; such lines are {lines}"
     )
 
 

@@ -90,7 +90,7 @@ class TextFile:
                 raise InputError(f"recording {path} is not {encoding}, as `encoding` in [file] says") from None
             self._errors = "replace"
             if _is_damaged_utf8(begin):
-                self.decision = "some bytes are no UTF-8 and were replaced"
+                self.decision = "some bytes are not UTF-8 and were replaced"
             else:
                 self.encoding = "cp1252"
                 self.decision = (

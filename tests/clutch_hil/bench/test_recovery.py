@@ -160,7 +160,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert f"wrote:   {tmp_path / 'run.parquet'}  (300 samples)" in done.stdout
     assert "nothing to recover" in command("recover", str(tmp_path)).stdout
     assert "none does not exist" in str(command("recover", str(tmp_path / "none")).exception)
-    assert "is no journal of a run" in str(command("recover", str(tmp_path / "run.parquet")).exception)
+    assert "is not a journal of a run" in str(command("recover", str(tmp_path / "run.parquet")).exception)
     (tmp_path / "x.parquet.journal").write_bytes(b"something else")
     assert command("recover", str(tmp_path)).exit_code == 1
 

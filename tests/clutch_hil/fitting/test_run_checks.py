@@ -201,7 +201,7 @@ def test_rows_behind_a_fault_do_not_count() -> None:
     outcome = ch.find_discrepancy(make_runs(columns), rig=MODEL)
     assert outcome.result.effects == ["cubic"]
     assert {len(trace.columns["time_s"]) for trace in outcome.result.traces} == {3000}
-    assert any("tells a fault from 3 s on" in note for note in outcome.result.notes)
+    assert any("shows a fault from 3 s on" in note for note in outcome.result.notes)
 
 
 def test_a_search_too_large_for_memory_is_refused_before() -> None:

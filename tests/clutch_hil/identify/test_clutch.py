@@ -237,10 +237,14 @@ def test_outliers_and_a_faulted_stretch_are_left_out(result: Identification) -> 
 @pytest.mark.parametrize(
     ("column", "change", "words"),
     [
-        ("clutch_torque_nm", lambda values: -values, "clutch_torque_nm, .* turn its sign"),
+        ("clutch_torque_nm", lambda values: -values, "clutch_torque_nm, .* reverse its sign"),
         ("clutch_torque_nm", lambda values: 0.7376 * values, "moves by 0.738 of what motor_torque_nm does .* lbf ft"),
         ("motor_torque_nm", lambda values: 0.7376 * values, "moves by 1.36 of what motor_torque_nm does .* lbf ft"),
-        ("motor_speed_demand_rad_s", lambda values: -values, "slip_speed_rad_s, .* turn its sign, or that of an input"),
+        (
+            "motor_speed_demand_rad_s",
+            lambda values: -values,
+            "slip_speed_rad_s, .* reverse its sign, or that of an input",
+        ),
         ("clutch_torque_nm", lambda values: 0.0 * values, "no torque that rises with the pressure"),
         ("motor_torque_nm", lambda values: 0.0 * values, "where motor_torque_nm, the same torque, does not"),
         ("cylinder_pressure_bar", lambda values: 0.0 * values + 3.0, "no torque that rises with the pressure"),

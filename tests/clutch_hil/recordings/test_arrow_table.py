@@ -192,7 +192,7 @@ def test_a_unit_in_a_name_is_one(tmp_path: Path) -> None:
     run = load_map(str(toml)).read(file)
     np.testing.assert_allclose(run["time_s"], TIME)
     np.testing.assert_allclose(run["position_m"], 1e-3 * np.sin(TIME))
-    assert "pos: the file says mm, the map m; the file's unit counts" in run.metadata["import"]["done"]
+    assert "pos: the file says mm, the map m; the file's unit is used" in run.metadata["import"]["done"]
 
 
 def test_times_of_day_pass_midnight(tmp_path: Path) -> None:

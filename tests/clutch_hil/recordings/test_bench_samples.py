@@ -137,7 +137,7 @@ def test_while_the_motor_is_not_enabled_there_are_no_rows(tmp_path: Path, played
     assert rows == pytest.approx(1001, abs=2)
     assert run["motor_speed_demand_rad_s"] == pytest.approx(played.rows["motor_speed_demand_rad_s"][:rows], abs=1e-3)
     out = len(played.rows["time_s"]) - rows
-    sentence = f"left out {out} samples in which the motor is not enabled: no speed is asked of it"
+    sentence = f"left out {out} samples in which the motor is not enabled: it has no speed demand"
     assert sentence in run.metadata["import"]["done"]
     never = leave_out(played, lambda _, name: name == "MOTOR_COMMAND")
     assert len(import_frames(tmp_path, never)[0]["time_s"]) == len(played.rows["time_s"])

@@ -95,12 +95,12 @@ def test_rows_outside_of_the_part_to_keep_may_have_no_value(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ('x_1 = { formula = "motor_torqe_nm" }', "'motor_torqe_nm', which is no column of the map; did you mean motor_"),
-        ('x_1 = { formula = "x_1 + time_s" }', "x_1: its formula needs x_1, which is computed itself"),
-        ('x_1 = { formula = "y_1" }\ny_1 = { formula = "time_s" }', "which is computed itself; set the line of y_1 above it"),
-        ('x_1 = { formula = "2 + 3" }', "has the formula '2 + 3', without a column in it; `constant` gives one value"),
-        ('x_1 = { formula = "time_s +" }', "x_1: formula 'time_s +' is none: numbers, names"),
-        ('x_1 = { formula = "" }', "formula '' is none"),
+        ('x_1 = { formula = "motor_torqe_nm" }', "'motor_torqe_nm', which is not a column of the map; did you mean motor_"),
+        ('x_1 = { formula = "x_1 + time_s" }', "x_1: its formula needs x_1, which is also computed"),
+        ('x_1 = { formula = "y_1" }\ny_1 = { formula = "time_s" }', "which is also computed; put the line of y_1 above it"),
+        ('x_1 = { formula = "2 + 3" }', "the formula '2 + 3' of x_1 uses no column; use `constant` for one value"),
+        ('x_1 = { formula = "time_s +" }', "x_1: 'time_s +' is not a formula; allowed are numbers, names"),
+        ('x_1 = { formula = "" }', "'' is not a formula"),
         ('x_1 = { formula = "sine(time_s)" }', "function 'sine' is unknown; did you mean sin"),
         ('x_1 = { formula = "low_pass(time_s)" }', "low_pass has 1 arguments; allowed is 2"),
         ('x_1 = { formula = "low_pass(motor_torque_nm, 500)" }', "low_pass of x_1 is 500 Hz; allowed is below 500 Hz"),
@@ -108,17 +108,17 @@ def test_rows_outside_of_the_part_to_keep_may_have_no_value(tmp_path: Path) -> N
         ('x_1 = { formula = "low_pass(motor_torque_nm, time_s)" }', "the limit of low_pass is a column"),
         ('x_1 = { formula = "shift(motor_torque_nm, 0.5)" }', "shift is by 0.5 s; allowed is less than the run's 0.399 s"),
         ('x_1 = { formula = "shift(motor_torque_nm, time_s)" }', "shift is by a column; allowed is less than the run's"),
-        ('x_1 = { formula = "running_sum(3) * time_s" }', "running_sum is of the number 3; allowed is a column"),
-        ('x_1 = { formula = "derivative(3) + time_s" }', "derivative is of the number 3; allowed is a column"),
-        ('x_1 = { formula = "derivative(1 / time_s)" }', "derivative in the formula of x_1 meets no number in row 0"),
-        ('x_1 = { formula = "time_s.real" }', "'time_s.real' means nothing in it"),
-        ('x_1 = { formula = "time_s if True else 1" }', "means nothing in it"),
+        ('x_1 = { formula = "running_sum(3) * time_s" }', "running_sum has as its argument the number 3; a column is needed"),
+        ('x_1 = { formula = "derivative(3) + time_s" }', "derivative has as its argument the number 3; a column is needed"),
+        ('x_1 = { formula = "derivative(1 / time_s)" }', "derivative in the formula of x_1 is applied to a value that is not a number in row"),
+        ('x_1 = { formula = "time_s.real" }', "'time_s.real' is not allowed in it"),
+        ('x_1 = { formula = "time_s if True else 1" }', "is not allowed in it"),
         ('x_1 = { formula = "__import__(time_s)" }', "function '__import__' is unknown"),
         ('x_1 = { formula = "open(time_s)" }', "function 'open' is unknown"),
         ('x_1 = { formula = "time_s * 1e999" }', "a number in it is not below 1e+300"),
         (f'x_1 = {{ formula = "time_s + {"9" * 500}" }}', "a number in it is not below 1e+300"),
         (f'x_1 = {{ formula = "{"+".join(["time_s"] * 200)}" }}', "it has 1399 characters; allowed are 1000"),
-        ('x_1 = { formula = "time_s", unit = "s" }', "x_1 has formula; allowed is it as the one entry"),
+        ('x_1 = { formula = "time_s", unit = "s" }', "x_1 has formula; it is allowed only as the single entry"),
         ("x_1 = { formula = 3 }", "x_1.formula is 3"),
     ],
 )  # fmt: skip
@@ -132,6 +132,6 @@ def test_a_formula_that_cannot_be_is_refused(tmp_path: Path, line: str, sentence
 def test_time_is_not_computed(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text('[columns]\ntime_s = { formula = "x_1" }\nx_1 = { from = "x" }')
     with pytest.raises(
-        InputError, match="time_s has formula; allowed is it as the one entry of a column that is not time_s"
+        InputError, match="time_s has formula; it is allowed only as the single entry of a column other than time_s"
     ):
         load_map(str(tmp_path / "map.toml"))

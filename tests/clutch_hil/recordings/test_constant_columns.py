@@ -55,14 +55,14 @@ def test_it_goes_with_a_time_by_the_number_of_the_row(tmp_path: Path) -> None:
         (
             "constant = 1",
             'constant = 1, unit = "K"',
-            "oil_temperature_degc has constant; allowed is it as the one entry",
+            "oil_temperature_degc has constant; it is allowed only as the single entry",
         ),
         (
             'from = "t", unit = "s"',
             "constant = 1",
-            "time_s has constant; allowed is it as the one entry of a column that is",
+            "time_s has constant; it is allowed only as the single entry of a column other than",
         ),
-        ('from = "torque", unit = "Nm"', "constant = 1", "has no column beside time_s"),
+        ('from = "torque", unit = "Nm"', "constant = 1", "has no column except time_s"),
     ],
 )
 def test_a_constant_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:

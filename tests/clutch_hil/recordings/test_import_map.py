@@ -277,11 +277,11 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
         (COLUMNS, {"qm": np.where(np.arange(SAMPLES) == 9, np.nan, 1.0)}, "position_m is not a number in row 9"),
         (COLUMNS.replace('"mm"', '"cubit"'), {}, "unit 'cubit' is unknown"),
         (COLUMNS.replace('"mm"', '"bar"'), {}, "position_m is given in 'bar', which cannot be converted into 'm'"),
-        (COLUMNS.replace("position_m", "position"), {}, "column 'position' tells no unit"),
+        (COLUMNS.replace("position_m", "position"), {}, "column 'position' does not end with a unit"),
         (COLUMNS.replace("time_s", "clock_s"), {}, "has no column time_s"),
         (COLUMNS.replace('from = "qm"', 'form = "qm"'), {}, "position_m.form is unknown; did you mean from or formula?"),
         (COLUMNS.replace('from = "qm", ', ""), {}, "position_m needs either `from`, a name, or `number`"),
-        (COLUMNS.replace('from = "qm"', "number = 9"), {}, "has 3 columns; column number 9 is asked for"),
+        (COLUMNS.replace('from = "qm"', "number = 9"), {}, "has no column number 9; it has 3 columns"),
         ("[file]\nresample_hz = -5.0\n" + COLUMNS, {}, "resample_hz is -5; allowed is 0 or more"),
         ("[file]\nlow_pass_hz = 600.0\n" + COLUMNS, {}, "low_pass_hz is 600 Hz; allowed is below 500 Hz"),
         ("[file]\nfrom_s = 9.0\n" + COLUMNS, {}, "has no row from 9 to inf s; its rows are at 0 to 0.399 s"),
@@ -438,7 +438,7 @@ def test_a_column_has_the_times_that_stand_beside_it(tmp_path: Path, kind: str, 
     file = write_groups(tmp_path, kind, 2.0 * TIME[::step])
     run = import_by(tmp_path, file, map_groups(mark))
     np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
-    assert f"speed_rad_s: at the times of 'slow{mark}time', which stands beside it" in run.metadata["import"]["done"]
+    assert f"speed_rad_s: at the times of 'slow{mark}time', which is next to it" in run.metadata["import"]["done"]
     assert "on different rasters" in find_map_refusal(tmp_path, file, map_groups(mark, ""))
 
 
@@ -465,4 +465,4 @@ def test_columns_of_a_text_file_whose_times_are_called_alike_have_that_of_the_ma
     text = map_groups("").replace('"fasttime"', '"time [s] (column 1)"')
     run = import_by(tmp_path, file, text.replace("fasttorque", "torque").replace("slowspeed", "speed"))
     np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
-    assert not [note for note in run.metadata["import"]["done"] if "stands beside it" in note]
+    assert not [note for note in run.metadata["import"]["done"] if "is next to it" in note]

@@ -26,7 +26,7 @@ OBJECTS: dict[str, tuple[str, str, str, np.ndarray]] = {  # path -> name, unit, 
     "flag": ("flag", "", "status", T > 0.3),
     "nested.x": ("x", "bar", "number", Q),
     "many(2).x": ("x", "", "number", F),
-    "matrix(:,2)": ("b", "", "number", F),  # by `names`, which stands beside it
+    "matrix(:,2)": ("b", "", "number", F),  # by `names`, which is next to it
     "wide(3,:)": ("wide(3)", "", "number", F),
 }
 

@@ -143,7 +143,7 @@ def test_the_files_own_units_count_and_are_told(tmp_path: Path) -> None:
     run = import_by(tmp_path, path, MAP)
     np.testing.assert_allclose(run["position_m"], 1e-3 * POSITION)
     np.testing.assert_allclose(run["motor_force_n"], 1e3 * FORCE)
-    assert "pos: the file says mm, the map m; the file's unit counts" in run.metadata["import"]["done"]
+    assert "pos: the file says mm, the map m; the file's unit is used" in run.metadata["import"]["done"]
 
 
 @pytest.mark.parametrize("version", ["4.10", "3.30"])

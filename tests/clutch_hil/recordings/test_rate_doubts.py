@@ -132,7 +132,7 @@ def test_coarse_times_do_not_deny_a_rate(tmp_path: Path) -> None:
 def test_whole_numbers_of_seconds_may_be_ms(tmp_path: Path, step: float) -> None:
     path = write_text(tmp_path, "", "time", step)
     message = import_told(tmp_path, path, 'from = "time", unit = "s"')
-    assert f"time_s rises by {step:g} s a row in whole numbers, and the file tells no unit of 'time'" in message
+    assert f"time_s rises by {step:g} s a row in whole numbers, and the file states no unit of 'time'" in message
     assert "whole numbers" not in import_told(tmp_path, path, 'from = "time", unit = "ms"')
     path = write_text(tmp_path, "", "time [s]", step)
     assert "whole numbers" not in import_told(tmp_path, path, 'from = "time"')

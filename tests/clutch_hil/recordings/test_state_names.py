@@ -142,7 +142,7 @@ def test_names_count_where_they_say_other_values(
     path, columns = write(tmp_path, table)
     run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s", unit = "s" }\n')
     np.testing.assert_array_equal(run["gear_1"], np.array(wanted)[COUNTS])
-    sentence = "its names say other values than its numbers, and count" in " ".join(run.metadata["import"]["done"])
+    sentence = "its names differ from its numbers, and the names are used" in " ".join(run.metadata["import"]["done"])
     assert sentence == (wanted != [0, 1, 2, 3])
 
 
@@ -162,7 +162,11 @@ def test_other_numbers_in_names_are_told(
     run = import_by(tmp_path, path, columns + 'time_s = { from = "time_s" }\n')
     np.testing.assert_array_equal(run["gear_1"], COUNTS)
     notes = " ".join(run.metadata["import"]["done"])
-    assert (f"and its names have others: {sentence}" in notes) if sentence else ("names have others" not in notes)
+    assert (
+        (f"although its names contain others: {sentence}" in notes)
+        if sentence
+        else ("names contain others" not in notes)
+    )
 
 
 def test_a_word_for_several_numbers_names_none(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def test_the_units_of_a_file_count_wherever_they_stand(tmp_path: Path, kind: str
     run = import_by(tmp_path, tmp_path / "recording", columns)
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(run["torque_nm"], TORQUE, rtol=1e-12)
-    assert "the file says kNm, the map Nm; the file's unit counts" in " ".join(run.metadata["import"]["done"])
+    assert "the file says kNm, the map Nm; the file's unit is used" in " ".join(run.metadata["import"]["done"])
 
 
 def test_the_unit_of_a_group_is_that_of_its_one_channel(tmp_path: Path) -> None:

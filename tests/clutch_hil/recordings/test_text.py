@@ -47,8 +47,8 @@ def test_what_was_found_is_told_a_sentence_each(tmp_path: Path) -> None:
         "units in line 7",
         "above the names: Recorder: bench 7; Date: 2025-03-02 10:11; Sample rate [Hz]: 100; Operator, Smith",
         "left out lines 68 to 69 at the end, statistics: 'Mean;0,1;2'",
-        "torque: the file says kNm, the map Nm; the file's unit counts",
-        "speed: the file says rpm, the map rad/s; the file's unit counts",
+        "torque: the file says kNm, the map Nm; the file's unit is used",
+        "speed: the file says rpm, the map rad/s; the file's unit is used",
     ]
     assert run.metadata["Sample rate [Hz]"] == 100.0
     np.testing.assert_allclose(run["torque_nm"], 1e3 * TORQUE)
@@ -64,7 +64,7 @@ def test_damaged_bytes_do_not_make_a_code_page_of_utf_8(tmp_path: Path) -> None:
     content = make_table(header="time,torque,speed,temp [°C],remark", end=",20,ok").encode().replace(b"ok", b"\xff", 1)
     columns = MAP + 'oil_temperature_degc = { from = "temp [°C]" }\n'
     run = read(tmp_path, content, columns=columns)
-    assert "some bytes are no UTF-8 and were replaced" in convert_run(run)
+    assert "some bytes are not UTF-8 and were replaced" in convert_run(run)
     np.testing.assert_allclose(run["oil_temperature_degc"], 20.0)
 
 

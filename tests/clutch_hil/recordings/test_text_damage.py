@@ -163,7 +163,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
         (FORMS["cp1252"][0], 'encoding = "utf-8"', "is not utf-8, as `encoding` in [file] says"),
         (make_table(), "skip_lines = 61", "skip_lines is 61; allowed is below 61, of 61 lines"),
         (make_table(), "skip_lines = -1", "file.skip_lines is -1; allowed is 0 or more"),
-        (make_table(), "units_row = 7", "units_row is 7, which is no line of 3 cells above the rows; lines there are 1"),
+        (make_table(), "units_row = 7", "units_row is 7, which is not a line of 3 cells above the rows; such lines are 1"),
         (make_table(times=ISO), 'time_format = "%Q"', "file.time_format is '%Q'; %Q is unknown"),
         (make_table(times=ISO), 'time_format = "%d %H"', "allowed is one of each of %Y %m %d, or none of them"),
         (make_table(times=ISO), 'time_format = "%d.%m.%Y"', "time_format '%d.%m.%Y' fits no column; the first row is"),

@@ -473,9 +473,9 @@ def test_a_time_too_coarse_to_increase_is_told_with_the_way_out(tmp_path: Path) 
         (BY_ROW.replace("100.0", "0.0"), "time_s.rate_hz is 0; allowed is above 0"),
         (BY_ROW.replace("100.0", "-1.0"), "time_s.rate_hz is -1; allowed is above 0"),
         (BY_ROW.replace("100.0", "1e12"), "time_s.rate_hz is 1e+12; allowed is above 0"),
-        (BY_ROW.replace("100.0", '100.0, unit = "s"'), "allowed is it as the one entry of time_s"),
+        (BY_ROW.replace("100.0", '100.0, unit = "s"'), "it is allowed only as the single entry of time_s"),
         (BY_ROW.replace('from = "torque", unit = "Nm"', "rate_hz = 5.0"), "torque_nm has rate_hz"),
-        ("[columns]\ntime_s = { rate_hz = 100.0 }\n", "has no column beside time_s"),
+        ("[columns]\ntime_s = { rate_hz = 100.0 }\n", "has no column except time_s"),
     ],
 )
 def test_a_wrong_rate_of_rows_is_refused(tmp_path: Path, columns: str, message: str) -> None:

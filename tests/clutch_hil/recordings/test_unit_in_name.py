@@ -128,7 +128,7 @@ def test_a_draft_says_how_a_current_takes_the_place_of_the_valves_voltage(tmp_pa
     path = write(tmp_path, "time_ms", "I valve [mA]")
     draft = draft_map(path, open_recording(path))
     line = next(line for line in draft.splitlines() if line.startswith("# valve_voltage_v = "))
-    assert "scale is the V a mA" in line
+    assert "scale is in V per mA" in line
     run = import_by(
         tmp_path, path, draft + line.removeprefix("# ").replace("scale =", "scale = 0.005").partition("  #")[0]
     )

@@ -43,7 +43,7 @@ WRONG = {  # what is replaced in the module, by what, and what is told of it
     "opens": ("return Opened(path)", "exit(3)", rf"{WHAT}: open\(\S+\) raises SystemExit: 3"),
     "opens nothing": ("return Opened(path)", "return 5", rf"{WHAT}: what open\(\S+\) returns lacks channels; needed are"),
     "reads": ("return [Signal", "raise KeyError\n        [Signal", rf"{WHAT}: what open\(\S+\) returns: read raises KeyError"),
-    "reads less": ("in channels]", "in channels[1:]]", "read gives no Signal for each of the 1 channels"),
+    "reads less": ("in channels]", "in channels[1:]]", "read does not return one Signal for each of the 1 channels"),
 }  # fmt: skip
 
 

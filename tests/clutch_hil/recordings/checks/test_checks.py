@@ -76,7 +76,7 @@ def test_rows_are_those_concerned() -> None:
     assert frozen.rows == (2000, 5000)
     (spike,) = (f for f in check_run(SPIKED) if f.check == "outliers")
     assert (spike.rows, spike.hard) == ((4321, 4321), False)
-    assert ", row 4321, has 1 sample alone," in str(spike)
+    assert ", row 4321, has 1 isolated sample" in str(spike)
 
 
 def test_the_peak_of_a_jump_is_not_alone() -> None:
@@ -216,7 +216,7 @@ def test_a_number_that_stands_for_no_value_is_told(number: float) -> None:
     (finding,) = check_columns_alone("a run", {"time_s": TIME, "force_n": force}, {"force_n": "N"})
     assert (finding.check, finding.rows, finding.hard) == ("placeholder", (2001, 2009), False)
     assert f"is {number:.6g} in 9 rows" in str(finding)
-    assert "set missing for it in the import map" in str(finding)
+    assert "set missing for this column in the import map" in str(finding)
 
 
 @pytest.mark.parametrize(

@@ -53,17 +53,17 @@ def test_sound_inputs_are_told_nothing() -> None:
 @pytest.mark.parametrize(
     ("change", "check", "hard", "message"),
     [
-        ({"load": delay_values(MEASURED_LOAD, 0.5)}, "delay", True, "s behind what force_n tells of it"),
-        ({"load": delay_values(MEASURED_LOAD, -0.4)}, "delay", True, "s before what force_n tells of it"),
-        ({"load": delay_values(MEASURED_LOAD, 0.18)}, "delay", False, "s behind what force_n"),
+        ({"load": delay_values(MEASURED_LOAD, 0.5)}, "delay", True, "s behind its course computed from force_n"),
+        ({"load": delay_values(MEASURED_LOAD, -0.4)}, "delay", True, "s before its course computed from force_n"),
+        ({"load": delay_values(MEASURED_LOAD, 0.18)}, "delay", False, "s behind its course"),
         ({"load": freeze(MEASURED_LOAD, 2000, 4000)}, "frozen", True, "load_n, rows 2000 to 4000, keeps"),
         ({"load": np.minimum(MEASURED_LOAD, 5.0)}, "frozen", True, "or is at its end"),
-        ({"load": np.full(ROWS, 5.0)}, "dead", False, "is 5 N throughout, where force_n tells of one that moves by"),
+        ({"load": np.full(ROWS, 5.0)}, "dead", False, "is 5 N throughout, but by force_n it should move by"),
         ({"load": MEASURED_LOAD + 8.0}, "offset", False, "check its zero"),
-        ({"position": freeze(MEASURED_POSITION, 500, 5500)}, "frozen", True, "turns round"),
-        ({"position": freeze(MEASURED_POSITION, 1800, 2200)}, "frozen", False, "in all such stretches 1 times"),
+        ({"position": freeze(MEASURED_POSITION, 500, 5500)}, "frozen", True, "reverses"),
+        ({"position": freeze(MEASURED_POSITION, 1800, 2200)}, "frozen", False, "1 times in all such stretches"),
         ({"position": delay_values(MEASURED_POSITION, 0.4)}, "delay", True, "position_m, rows 0 to 5999, is 0.4"),
-        ({"position": delay_values(MEASURED_POSITION, -0.2)}, "delay", False, "s before what force_n tells of it"),
+        ({"position": delay_values(MEASURED_POSITION, -0.2)}, "delay", False, "s before its course computed from force_n"),
     ],
 )  # fmt: skip
 def test_an_input_that_is_not_what_the_force_tells(
