@@ -1,4 +1,4 @@
-# `make run` and `make test` set up everything they need: only Python 3.11 to 3.13 with venv, make and a network are assumed.
+# `make run` and `make test` set up everything that they need. They assume only Python 3.11 to 3.13 with venv, make and a network.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,15 +9,15 @@ READY := $(VENV)/.ready
 run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a recorded run
 	$(BIN)/clutch-hil up
 
-test: lint tests  ## lint, types, every test this machine can run, real vcan included; --jobs 2 does lint beside the tests
+test: lint tests  ## lint, types, and every test that this machine can run, also on a real vcan; --jobs 2 runs lint in parallel with the tests
 
 tests: $(READY)
-	$(BIN)/python -m tests --numprocesses auto --durations 20  # tests/conftest.py tells what plays when
+	$(BIN)/python -m tests --numprocesses auto --durations 20  # tests/conftest.py sets their order
 
-quick: $(READY) lint  ## for the edit loop: lint, and the tests that neither compute for long nor run in real time
+quick: $(READY) lint  ## while editing: lint, and the tests that neither compute for a long time nor run in real time
 	$(BIN)/python -m pytest -q --numprocesses auto -m "not slow and not real_time"
 
-coverage: $(READY)  ## the share of lines and branches that the tests of `make quick` run; what Numba compiles is not seen
+coverage: $(READY)  ## share of lines and branches that the tests of `make quick` run; code that Numba compiles is not counted
 	$(BIN)/python -m pytest -q --numprocesses auto -m "not slow and not real_time" --cov --cov-report term
 
 lint: $(READY)
@@ -26,7 +26,7 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-lock:  ## renew requirements.lock: every package that set-up installs, its version, and the hashes of its files on PyPI
+lock:  ## update requirements.lock: all packages of the set-up, with versions and the hashes of their files on PyPI
 	$(PYTHON) -m venv build/lock
 	build/lock/bin/python -m pip install --quiet --disable-pip-version-check uv
 	build/lock/bin/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])' | \
@@ -34,13 +34,13 @@ lock:  ## renew requirements.lock: every package that set-up installs, its versi
 		--default-index https://pypi.org/simple --custom-compile-command "make lock" \
 		--extra test pyproject.toml - --output-file requirements.lock
 
-sbom:  ## build/sbom.cdx.json: every package of requirements.lock as CycloneDX, checked against its schema
+sbom:  ## build/sbom.cdx.json: all packages of requirements.lock as CycloneDX, checked against its schema
 	$(PYTHON) -m venv build/sbom
 	build/sbom/bin/python -m pip install --quiet --disable-pip-version-check cyclonedx-bom
 	build/sbom/bin/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml --output-reproducible \
 		--validate --output-format JSON --output-file build/sbom.cdx.json
 
-audit:  ## known weaknesses of the packages of requirements.lock; asks PyPI, so it is no part of `make test`
+audit:  ## known vulnerabilities of the packages in requirements.lock; it asks PyPI, so it is not part of `make test`
 	$(PYTHON) -m venv build/audit
 	build/audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit
 	build/audit/bin/pip-audit --strict --require-hashes --disable-pip --requirement requirements.lock
@@ -49,11 +49,11 @@ $(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} is not supported; needed is 3.11 to 3.13: make PYTHON=python3.12")'
 	@echo "set-up 1 of 3: a virtual environment in $(VENV)" >&2
 	$(PYTHON) -m venv $(VENV)
-	@echo "set-up 2 of 3: packages from the network; pip names each" >&2
-	$(BIN)/python -m pip install --progress-bar off --disable-pip-version-check --no-compile --no-deps --require-hashes --requirement requirements.lock  # all are in the lock: pip has nothing to resolve
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --no-build-isolation --config-settings editable_mode=compat --editable .  # compat: mypy and editors find the types
+	@echo "set-up 2 of 3: packages from the network; pip lists each" >&2
+	$(BIN)/python -m pip install --progress-bar off --disable-pip-version-check --no-compile --no-deps --require-hashes --requirement requirements.lock  # the lock file has all of them, so pip resolves nothing
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --no-build-isolation --config-settings editable_mode=compat --editable .  # compat: lets mypy and editors find the types
 	@echo "set-up 3 of 3: byte code of the packages, once" >&2
-	-$(BIN)/python -m compileall -q -j 0 -x '/(tests|pip|setuptools|mypy|mypyc|fontTools|lexers)/' $(VENV)/lib >/dev/null  # of what the bench loads; pip would on one CPU; a file for another Python is no error
+	-$(BIN)/python -m compileall -q -j 0 -x '/(tests|pip|setuptools|mypy|mypyc|fontTools|lexers)/' $(VENV)/lib >/dev/null  # only packages that the bench loads; pip would use one CPU; a file for another Python version is not an error
 	touch $(READY)
 
 clean:

@@ -1,8 +1,8 @@
-"""What `make test` plays: every test, then what failed in real time again, alone: `python -m tests [OPTIONS]`, pytest's.
+"""`python -m tests [OPTIONS OF PYTEST]`, used by `make test`: run all tests, then repeat alone those that failed in real time.
 
-A shared host takes the CPUs away for up to a second, for minutes on end, and workers share what is left: services in real time
-rightly fault then. So a failure there counts when the test also fails with nothing beside it, once the machine runs again.
-Whatever computes without a clock has one try. All tries are printed.
+A shared host can take the CPUs away for up to a second, again and again for minutes. Services in real time then report faults,
+which is correct. So a failure in real time counts only if the test also fails alone, after the host lets the machine run again.
+Tests that do not depend on a clock have one try. All tries are printed.
 """
 
 import sys
@@ -10,16 +10,16 @@ import time
 
 import pytest
 
-MANY = 10  # files with failures that are not the machine's any more
+MANY = 10  # more files with failures than this are not explained by the machine
 TRIES = 3
-_LOOK = 0.001  # s between two looks at whether this process is run,
-_STALL = 0.025  # s: how much later one means that it was not; six cycles at 250 Hz, of which five are a fault
-_RUNS = 5.0  # s without such a one: the machine runs
-PATIENCE = 300.0  # s that are waited for it
+_LOOK = 0.001  # s between two checks whether this process runs
+_STALL = 0.025  # s, delay of a check that counts as a stall; six cycles at 250 Hz, and five are a fault
+_RUNS = 5.0  # s without a stall after which the machine is regarded as running
+PATIENCE = 300.0  # s, longest wait for this
 
 
 class Failures:
-    """Plugin of pytest that keeps the names of tests that failed, whether all did in real time, and what was skipped."""
+    """Plugin of pytest that collects the names of failed tests, whether all are real-time tests, and the skipped tests."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -35,7 +35,7 @@ class Failures:
 
 
 def count_stalls_before_run() -> int:
-    """Wait until the machine has run this process for a while; return how often it had not."""
+    """Wait until the machine has run this process for 5 s without a stall; return the number of stalls."""
     count, begin = 0, time.monotonic()
     since = last = begin
     while last - since < _RUNS and last - begin < PATIENCE:
@@ -64,7 +64,7 @@ def main(options: list[str]) -> int:
         )
         names, failures = failures.names, Failures()
         sentence = int(pytest.main([*alone, *names], plugins=[failures]))
-    if number > 1 and skipped:  # the first try's list is far above by now
+    if number > 1 and skipped:  # the list of the first try is far above by now
         from tests.needs import HEADING, list_skips
 
         print(f"\n{HEADING}", *list_skips(skipped), sep="\n", flush=True)

@@ -1,26 +1,26 @@
-"""Call log: made-up parts of a program that note what is asked of them, for tests of what uses the parts."""
+"""Call log: stand-ins for parts of a program that record their calls, for tests of the code that uses these parts."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-NEVER = 10_000  # steps after which a test has gone wrong: a loop does not end
+NEVER = 10_000  # steps after which a test fails, because a loop does not end
 
 
 class Opened(SimpleNamespace):
-    """What a `with` statement opens."""
+    """Object for a `with` statement."""
 
     def __enter__(self) -> "Opened":
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing to close."""
+        """Do nothing."""
 
 
 class CallLog:
-    """Calls in `log`, in their order: name, arguments, and a dict of the named ones if there are any.
+    """Record of calls: `log` has one tuple per call, in their order: name, arguments, and a dict of keyword arguments if any.
 
-    `stops`: after so many looks at `asked` a stop is asked for.
+    stops: number of reads of `asked` that return False; all later ones return True.
     """
 
     def __init__(self, stops: int = NEVER) -> None:
@@ -28,13 +28,13 @@ class CallLog:
 
     @property
     def asked(self) -> bool:
-        """Of the stop of a program."""
+        """Whether a stop was requested, as of a program's `Stop`. Each read counts."""
         self.looks += 1
         assert self.looks < NEVER
         return self.looks > self.stops
 
     def note(self, name: str, *results: Any) -> Callable[..., Any]:
-        """A function that notes its calls; it returns the results in turn, and the last one from then on."""
+        """Return a function that records its calls under `name`. It returns `results` in turn, then always the last one."""
         left = list(results)
 
         def call(*arguments: Any, **named: Any) -> Any:

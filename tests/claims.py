@@ -1,4 +1,4 @@
-"""Frames of supervisors with a claim of the set-points, and without."""
+"""Frames of supervisors, with and without a claim of the set-points."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ from protocols.can.frames import Frame, FrameCodec, load_frames
 
 
 class Supervisor:
-    """A supervisor of a clutch: its claims and set-points, with counters of its own. session 0: it claims nothing."""
+    """Makes the claims and set-points of a supervisor of one clutch, with its own counters. session 0: without a claim."""
 
     def __init__(self, session: int, counter: int = 0, clutch: str = "a") -> None:
         frames = load_frames(clutch=clutch)
@@ -24,18 +24,18 @@ class Supervisor:
 
 
 def drop(frames: Sequence[Frame], *names: str) -> list[Frame]:
-    """The frames without those of these names, of clutch a."""
+    """Return `frames` without those with one of the names `names`, of clutch a."""
     dropped = {load_frames()[name].can_id for name in names}
     return [frame for frame in frames if frame.can_id not in dropped]
 
 
 def drop_claims(frames: Sequence[Frame]) -> list[Frame]:
-    """The frames as a supervisor without a claim sends them: no claims, and set-points with the data ID of the DBC."""
+    """Return the frames of a supervisor without a claim: no claims, and set-points with the data ID of the DBC."""
     setpoint = load_frames()["TORQUE_SETPOINT"]
     kept = drop(frames, "SUPERVISOR_CLAIM")
     return [Frame(i, rebind(setpoint, data)) if i == setpoint.can_id else Frame(i, data) for i, data in kept]
 
 
 def rebind(codec: FrameCodec, data: bytes) -> bytes:
-    """The payload with the CRC of `codec`, and what else it has."""
+    """Return the payload `data` with the CRC of `codec`; the counter and all signals stay the same."""
     return codec.pack_raw(codec.read_counter(data), **codec.raw(data)._asdict())

@@ -1,8 +1,8 @@
-"""How the tests share the machine, and fixtures for all of them.
+"""Schedule of the tests on the machine, and fixtures for all tests.
 
-`make test` plays them on workers (pytest-xdist), one more than CPUs. As long as there is something to compute, a part of them
-does so, at low priority. The others play what runs in real time: first the soak, ten minutes that are mostly waited for, and
-beside it what measures time. Without workers the tests run one after the other.
+`make test` runs them on workers (pytest-xdist), one more than CPUs. While computing tests are left, some workers run these, at
+low priority. The others run tests in real time: first the soak test, which mostly waits for ten minutes, and meanwhile those
+that measure time. Without workers the tests run one after the other.
 """
 
 import os
@@ -24,11 +24,11 @@ from tests import first_start
 
 TESTS = Path(__file__).parent
 SOAK = "protocols/telemetry/test_soak.py"
-# These two begin first of what computes, so that nobody waits for them at the end.
+# The two longest computing tests. They start first, so that the run does not wait for them at the end.
 LONGEST = "clutch_hil/thesis/test_reproductions.py"
 GUEST = "test_guest.py"
-BOOT = "test_boot.py"  # a guest too, with systemd
-# These measure time, or hold a bench at 1 kHz to what it is on a machine that is not full.
+BOOT = "test_boot.py"  # also a guest, with systemd
+# These measure time, or check the timing of a bench at 1 kHz, which needs a machine that is not busy.
 QUIET = (
     "plant_sim/effects/test_effect_speed.py",
     "clutch_hil/live/test_view.py",
@@ -39,8 +39,8 @@ QUIET = (
     "clutch_hil/bench/test_jitter.py",
     "clutch_hil/bench/test_timing_budget.py",
 )
-# These run services, or wait for threads, in real time, as the guest and each test on a `local_bus` do (`python -m tests` tells
-# what follows from that).
+# These run services, or wait for threads, in real time, like the guest and each test on a `local_bus`. `python -m tests`
+# repeats them if they fail.
 IN_REAL_TIME = (
     *QUIET,
     "benchmarks/test_fault_matrix.py",
@@ -64,7 +64,7 @@ IN_REAL_TIME = (
     "rt_controller/test_turn.py",
     "vcan",
 )
-# These compute for long; `make quick` leaves them out, and what runs in real time.
+# These compute for a long time. `make quick` leaves them out, and also tests in real time.
 SLOW = (
     "benchmarks",
     "clutch_hil/bench/test_bench_of_another_size.py",
@@ -92,30 +92,30 @@ SLOW = (
     "booted",
 )
 ORDER = ("soak", "quiet", "longest", "guest", "boot", "shared")
-# The CPU time of a run, 58 to 72 min, is less than the soak's ten minutes on eight CPUs; a worker had up to 1.3 GB
+# On eight CPUs the CPU time of a run, 58 to 72 min, takes less than the soak test of ten minutes; a worker used up to 1.3 GB
 MOST_WORKERS = 9
 CPUS = len(os.sched_getaffinity(0))
-LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
+LOW = 10  # nice value of computing tests: they get a tenth of a CPU that a test in real time also needs
 _KERNELS = pytest.StashKey[str]()
 
-# An example that a busy machine gave no CPU for a while is no wrong one.
+# An example that took long because the machine was busy is not an error.
 settings.register_profile("shared machine", deadline=None)
 settings.load_profile("shared machine")
 
 
 @cache
 def choose_turn(file: str) -> str:
-    """When the tests of a file, named from the folder of this one, have their turn: one of `ORDER`."""
+    """Return the group, one of ORDER, in which the tests of `file` run; `file` is relative to the folder tests."""
     alone = {SOAK: "soak", LONGEST: "longest", GUEST: "guest", BOOT: "boot"}
     return alone.get(file) or ("quiet" if _is_in(file, QUIET) else "shared")
 
 
 def is_real_time(file: str) -> bool:
-    """Whether tests of a file depend on what else the machine does."""
+    """Return whether the tests of a file run in real time, so that they depend on the load of the machine."""
     return _is_in(file, IN_REAL_TIME)
 
 
-@cache  # asked for every test: without it a fifth of what collecting takes
+@cache  # called for every test: without a cache it takes a fifth of the time of the collection
 def _is_in(file: str, places: tuple[str, ...]) -> bool:
     return any(PurePath(file).is_relative_to(place) for place in places)
 
@@ -132,14 +132,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Workers for `--numprocesses auto`: one for each CPU, and one more where what waits in real time is played, too."""
+    """Return the workers for `--numprocesses auto`: one for each CPU, and one more if tests in real time are included."""
     return min(CPUS + (not config.option.markexpr), MOST_WORKERS)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """A worker gets a file at a time, in the order of the tests, but all that is quiet together; as long as there is something
-    else, half of them play in real time, of two CPUs two."""
+    """Return the scheduler. A worker gets one file at a time, in the order of the tests; all quiet tests go to one worker.
+
+    While both kinds of tests are left, about half of the workers run tests in real time; with two CPUs, two workers do.
+    """
     from xdist.scheduler import LoadFileScheduling
 
     most_timed = 1 + CPUS // 2
@@ -164,33 +166,34 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def _make_name(path: str) -> str:
-    """A file from the folder of this one."""
+    """Return a path relative to the folder tests."""
     return path.removeprefix(f"{TESTS.name}/")
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _priority(request: pytest.FixtureRequest) -> None:
-    """What computes does so at low priority; root alone may have its own back afterwards."""
+    """Set low priority for computing tests; only as root, because others cannot raise the priority again afterwards."""
     if os.geteuid() == 0:
         file = request.path.relative_to(TESTS).as_posix()
         os.setpriority(os.PRIO_PROCESS, 0, 0 if is_real_time(file) or file in (GUEST, BOOT) else LOW)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """All workers and their processes share kernels in a place of their own, before Numba is imported.
+    """Give all workers and their processes one common kernel cache of this session, before Numba is imported.
 
-    What services run is compiled before the workers begin: who waits for a service does not wait for a compiler, thrice at once
-    on two CPUs. The first start of a bench does that, of which test_first_minute.py judges what it said. What the rest needs,
-    one worker compiles and all have. Likewise pytest's own form of the tests is made once
-    and kept even where the environment wants no byte code: else each worker would make it again.
+    The kernels of services are compiled before the workers start. Otherwise several tests on two CPUs would wait for compilers
+    instead of services. The first start of a bench compiles them; test_first_minute.py checks its messages. All other kernels
+    are compiled by the first worker that needs them. The byte code of the tests, as pytest rewrites it, is also made once, even
+    if the environment disables byte code; otherwise each worker would make it again.
     """
     if (
         signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    ):  # begun in the background of a shell; services would inherit that
+    ):  # started in the background of a shell; services would inherit this
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    whole = not config.option.markexpr  # a part, as of `make quick`, has the kernels beside the sources, from before
+    # A part, such as `make quick`, uses the kernels of earlier runs, next to the sources
+    whole = not config.option.markexpr
     if not whole:
-        sys.dont_write_bytecode = False  # pytest's form of the tests stays for the next time: 12 s of CPU time a worker
+        sys.dont_write_bytecode = False  # the tests' byte code is kept for the next run: 12 s of CPU time a worker
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None) and whole:
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
         record = os.environ[first_start.RECORD] = f"{config.stash[_KERNELS]}/first_start.json"
@@ -198,7 +201,7 @@ def pytest_configure(config: pytest.Config) -> None:
             subprocess.Popen([sys.executable, "-m", *words], cwd=TESTS.parent)
             for words in (("tests.first_start", record), ("tests.kernels",))
         ]
-        subprocess.run(  # what it finds wrong, workers find, too
+        subprocess.run(  # the workers also find the errors that it finds
             [sys.executable, "-m", "pytest", "--collect-only", "-qq"],
             cwd=TESTS.parent, env=os.environ | {"PYTEST_ADDOPTS": "", "PYTHONDONTWRITEBYTECODE": ""},
             stdout=subprocess.DEVNULL, check=False,
@@ -218,8 +221,8 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.fixture
 def local_bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A local bus of its own, for this process and those it starts."""
-    folder = tempfile.mkdtemp(prefix="ch-")  # short: socket paths hold 107 bytes
+    """A new local bus for this process and the processes that it starts."""
+    folder = tempfile.mkdtemp(prefix="ch-")  # short: socket paths have at most 107 bytes
     monkeypatch.setenv("CLUTCH_HIL_BUS_DIR", folder)
     yield "local:bench"
     shutil.rmtree(folder)

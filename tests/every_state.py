@@ -1,8 +1,8 @@
-"""Random lives of a healthy clutch, slipping, sticking, locking, creeping, reversing: what the controller makes of them.
+"""Random runs of a healthy clutch in all states (slipping, sticking, locking, creeping, reversing), to test the controller.
 
-`python -m tests.every_state --runs 10000` plays many and tells the worst; test_every_state.py plays some. With `--presliding
-2e-3` the plates bend by 2e-3 rad before they slide, with `--spread 0.3` each life is that of another clutch, whose parameters
-are up to 30 % off the shipped one's. The controller is calibrated to either.
+`python -m tests.every_state --runs 10000` simulates many and prints the worst; test_every_state.py simulates some. With
+`--presliding 2e-3` the plates deflect by 2e-3 rad before they slide. With `--spread 0.3` each run has another clutch, with
+parameters that differ from the shipped ones by up to 30 %. The controller is calibrated to the clutch.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from plant_sim.rigs import wet_clutch
 from rt_controller.law.clutch_state import ClutchState
 from rt_controller.loop.node import ControllerNode, load_controller_parameters
 
-# Of the torque estimate: the larger of the two is allowed, outside `TRANSIENT` after a crossing of zero slip or a touch
+# Allowed error of the torque estimate: the larger of the two, except for TRANSIENT after a zero crossing of the slip or a touch
 ERROR, SHARE = 0.5, 0.05  # Nm, 1
 TRANSIENT = 0.030  # s
 CREEP = (0.05, 1.0)  # rad/s
@@ -42,7 +42,7 @@ NOMINAL = {name: parameter.value for name, parameter in wet_clutch.load_nominal(
 
 @dataclass(frozen=True)
 class Life:
-    """A profile, and the clutch that lives it: friction level [1], oil [degC], rate [Hz], values that are not nominal."""
+    """A random run: profile, and the clutch: friction level [1], oil temperature [degC], rate [Hz], changed plant values."""
 
     seed: int
     profile: Profile
@@ -53,9 +53,13 @@ class Life:
 
 
 class Verdict(NamedTuple):
-    """fault: its number; samples judged, and those in which the estimate is off by more than is allowed; excess [Nm]: the most
-    by which; above: samples in which it is above what the plates can carry by more than 5 % and 0.5 Nm; voltage [V]: the most
-    by which the valve command moves from one sample to the next while the plates stick and the same is asked for."""
+    """Result of a random run.
+
+    fault: number of the controller's fault. samples: judged samples. off: samples in which the error of the estimate is above
+    the allowed one. excess: largest excess [Nm]. above: samples in which the estimate exceeds the torque that the plates can
+    carry by more than 5 % and 0.5 Nm. voltage: largest change [V] of the valve command between two samples while the plates
+    stick and the demand is constant.
+    """
 
     fault: int
     samples: int
@@ -66,7 +70,7 @@ class Verdict(NamedTuple):
 
 
 def draw_clutch(seed: int, spread: float) -> dict[str, float]:
-    """Plant values of a random clutch, each by up to `spread` off the shipped one's. Its maps begin at its contact pressure."""
+    """Return plant values of a random clutch, up to `spread` off the shipped ones. Its maps begin at its contact pressure."""
     random = np.random.default_rng([seed, 7])
     values = {name: NOMINAL[name] * (1.0 + random.uniform(-spread, spread)) for name in VARIED}
     values["clutch.beta_inf"] = min(values["clutch.beta_inf"], 1.0)
@@ -81,7 +85,7 @@ def draw_clutch(seed: int, spread: float) -> dict[str, float]:
 
 
 def draw_life(seed: int, spread: float = 0.0) -> Life:
-    """A random life, of the shipped clutch or of one that is up to `spread` off it."""
+    """Return a random run of the shipped clutch, or of one that differs from it by up to `spread`."""
     random = np.random.default_rng(seed)
     speed = random.uniform(-SPEED, SPEED)
     rows = [(0.0, 0.0, speed, 0.0), (0.3, 0.0, speed, 0.0)]
@@ -111,7 +115,7 @@ def draw_life(seed: int, spread: float = 0.0) -> Life:
 
 
 def play_life(life: Life, presliding: float = 0.0) -> Played:
-    """The run of a life, of plates that bend by `presliding` [rad] before they slide."""
+    """Simulate a random run with plates that deflect by `presliding` [rad] before they slide; return the run."""
     changes = {
         **life.clutch, "friction_level.level": life.level, "oil.sump_temperature": life.celsius, "presliding.angle": presliding
     }  # fmt: skip
@@ -133,7 +137,7 @@ def play_life(life: Life, presliding: float = 0.0) -> Played:
 
 
 def judge_life(life: Life, run: Played) -> Verdict:
-    """What the controller made of it."""
+    """Judge the controller in the run of `life`."""
     true, estimate, slip = (
         run[name] for name in ("truth_clutch_torque_nm", "controller_torque_estimate_nm", "truth_slip_speed_rad_s")
     )
@@ -142,7 +146,7 @@ def judge_life(life: Life, run: Played) -> Verdict:
     excess = np.where(settled, np.abs(estimate - true) - np.maximum(ERROR, SHARE * np.abs(true)), -np.inf)
     above = settled & (np.abs(estimate) > (1.0 + SHARE) * _compute_capacity(life, run) + ERROR)
     sticks = run["controller_clutch_state"] >= ClutchState.STICKING
-    # what is asked for has been the same for long: the command that acts is one sample old
+    # the demand has been constant for long, because the acting command is one sample old
     asked = np.diff(run["controller_torque_demand_nm"]) != 0.0
     asked |= np.diff(run["controller_phase"]) != 0.0
     held = sticks & ~_find_after(asked | (np.diff(sticks.astype(int)) != 0), life.rate)
@@ -154,14 +158,14 @@ def judge_life(life: Life, run: Played) -> Verdict:
 
 
 def _find_after(events: np.ndarray, rate: int) -> np.ndarray:
-    """Samples within TRANSIENT after the one before an event, shape (n + 1,)."""
+    """Return which samples are within TRANSIENT after the one before an event, shape (n + 1,)."""
     span = round(TRANSIENT * rate) + 2
     marked = np.concatenate([events, [False]]).astype(float)
     return np.convolve(marked, np.ones(span))[: len(marked)] > 0.0
 
 
 def _compute_capacity(life: Life, run: Played) -> np.ndarray:
-    """Torque [Nm] that the plates carry at most at their pressure: what they do carry, or level M_C of Table 6.4."""
+    """Return the torque [Nm] that the plates can carry at their pressure: the present one, or level M_C of Table 6.4."""
     true = np.abs(run["truth_clutch_torque_nm"])
     force = run["truth_normal_force_n"]
     values = NOMINAL | life.clutch
@@ -171,7 +175,7 @@ def _compute_capacity(life: Life, run: Played) -> np.ndarray:
 
 
 def main() -> None:
-    """Play lives and tell."""
+    """Simulate random runs and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=300)
     parser.add_argument("--first", type=int, default=0, help="seed of the first")

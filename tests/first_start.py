@@ -1,7 +1,7 @@
-"""The first start of a bench: `clutch-hil up` on an empty kernel cache, and what it says meanwhile.
+"""The first start of a bench: `clutch-hil up` with an empty kernel cache, and its messages.
 
-`python -m tests.first_start RECORD` makes it into the cache of NUMBA_CACHE_DIR and writes the record to a file. A session of
-all tests (conftest.py) begins with it: its kernels are compiled once, and tests/test_first_minute.py judges how that went.
+`python -m tests.first_start RECORD` runs it with the cache in NUMBA_CACHE_DIR and writes its record to the file RECORD. A
+session of all tests (conftest.py) begins with it, so the kernels are compiled once. test_first_minute.py checks the record.
 """
 
 import json
@@ -16,13 +16,16 @@ from pathlib import Path
 
 from protocols.realtime.child import list_command
 
-RECORD = "CLUTCH_HIL_FIRST_START"  # environment variable: the file with the record of this session, if it has one
+RECORD = "CLUTCH_HIL_FIRST_START"  # environment variable with the path of the record of this session, if there is one
 PATIENCE = 600.0  # s for all kernels, compiled on a busy machine
 
 
 @dataclass(frozen=True)
 class FirstStart:
-    """times: when each line on stderr came, after the start [s], 0.0 first. lines: those lines. out: all of stdout."""
+    """Record of a first start.
+
+    times: 0.0, then the time of each line on stderr since the start [s]. lines: these lines. out: stdout. code: exit code.
+    """
 
     times: list[float]
     lines: list[str]
@@ -31,7 +34,7 @@ class FirstStart:
 
 
 def begin(cache: Path, *arguments: str) -> subprocess.Popen[str]:
-    """Start a command with the kernel cache in the folder `cache`."""
+    """Start a `clutch-hil` command with the kernel cache in the folder `cache`; return its process."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
     return subprocess.Popen(
         list_command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
@@ -39,12 +42,12 @@ def begin(cache: Path, *arguments: str) -> subprocess.Popen[str]:
 
 
 def list_words(bus: str, folder: Path, seconds: float) -> list[str]:
-    """Words of an `up` that plays for `seconds` and writes into `folder`."""
+    """Return the arguments of an `up` that runs for `seconds` and writes into `folder`."""
     return ["up", "--bus", bus, "--rate", "250", "--seconds", str(seconds), "--out", str(folder), "--json"]
 
 
 def start_on_empty_cache(cache: Path, bus: str, folder: Path) -> FirstStart:
-    """Play `up` for two seconds with the empty kernel cache in the folder `cache`; it writes into `folder`."""
+    """Run `up` for two seconds with an empty kernel cache in the folder `cache`; it writes into `folder`. Return its record."""
     began, times, lines = time.monotonic(), [0.0], []
     process = begin(cache, *list_words(bus, folder, 2.0))
     assert process.stdout
@@ -59,13 +62,13 @@ def start_on_empty_cache(cache: Path, bus: str, folder: Path) -> FirstStart:
 
 
 def read_record(path: Path) -> FirstStart:
-    """The start that `main` has written to a file."""
+    """Return the record that `main` has written to a file."""
     return FirstStart(**json.loads(path.read_text(encoding="utf-8")))
 
 
 def main(record: Path) -> None:
     """Start once, and write the record."""
-    with tempfile.TemporaryDirectory(prefix="ch-") as folder:  # short: socket paths hold 107 bytes
+    with tempfile.TemporaryDirectory(prefix="ch-") as folder:  # short: socket paths have at most 107 bytes
         os.environ["CLUTCH_HIL_BUS_DIR"] = folder
         start = start_on_empty_cache(Path(os.environ["NUMBA_CACHE_DIR"]), "local:bench", Path(folder))
     record.write_text(json.dumps(asdict(start)), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Compile what the plant of two clutches runs, into NUMBA_CACHE_DIR: `python -m tests.kernels`; `first_start` has the rest."""
+"""`python -m tests.kernels`: compile the kernels of the plant with two clutches into NUMBA_CACHE_DIR."""
 
 from plant_sim.node.plant_service import PlantService
 from plant_sim.node.power_shift_node import RIG

@@ -1,4 +1,4 @@
-"""Memory that Python keeps, as tests measure it."""
+"""Memory growth of Python code, measured by tests."""
 
 import gc
 import tracemalloc
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 def measure_growth(play: Callable[[int], object], first: int, count: int) -> int:
-    """Bytes of Python's memory (tracemalloc) that `count` calls in `play(count)` keep, after `first` and 100 others."""
+    """Return the growth of Python's memory (tracemalloc) [bytes] by `play(count)`, after `play(first)` and `play(100)`."""
     play(first)
     gc.collect()
     tracemalloc.start()

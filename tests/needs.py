@@ -1,8 +1,8 @@
-"""What tests need of the machine, in one table: how to find out, and the line that brings it.
+"""Requirements of tests on the machine, in one table: how each is checked, and the command that installs it.
 
-A test says so by `@pytest.mark.needs("vulkan")`, or asks on its way (`skip_without`), and is skipped where it is not there.
-`$CLUTCH_HIL_MUST_HAVE` names what is never skipped for: continuous integration installs it, and loses no test silently.
-The end of a run tells what was skipped, and what would have it run (`list_skips`).
+A test declares a requirement by `@pytest.mark.needs("vulkan")`, or checks it while it runs (`skip_without`). Without it the
+test is skipped. For the names in `$CLUTCH_HIL_MUST_HAVE` a test fails instead: continuous integration installs these, so that
+no test is lost silently. The end of a run lists the skipped tests and what would enable them (`list_skips`).
 """
 
 import importlib.util
@@ -38,7 +38,7 @@ HEADING = "skipped, and what would enable it"
 
 
 class Need(NamedTuple):
-    """`what` a test needs, whether it is `there`, and the line that `brings` it."""
+    """A requirement: `what` a test needs, a check whether it is `there`, and the command or advice that `brings` it."""
 
     what: str
     there: Callable[[], bool]
@@ -46,7 +46,7 @@ class Need(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Why a test without it is skipped."""
+        """Reason for which a test without it is skipped."""
         return f"needs {self.what}: {self.brings}"
 
 
@@ -127,7 +127,7 @@ NEEDS = {
         "nothing is lost, as the guest plays them",
     ),
     "lasting folder": Need(
-        "a project in a folder that units of systemd see",
+        "a project in a folder that units of systemd can see",
         _can_be_installed,
         "clone it elsewhere than below /tmp, such as in /opt",
     ),
@@ -164,19 +164,19 @@ NEEDS = {
 
 @cache
 def is_there(name: str) -> bool:
-    """Whether this machine has what `NEEDS` calls `name`."""
+    """Return whether this machine has the requirement `name` of NEEDS."""
     return NEEDS[name].there()
 
 
 def skip_without(*names: str) -> None:
-    """Skip the running test when one of the needs is not there."""
+    """Skip the running test if one of these requirements is missing."""
     for name in names:
         if not is_there(name):
             skip(name)
 
 
 def skip(name: str, result: str = "") -> NoReturn:
-    """Skip the running test for a need that is not there, as it has `found` out itself; fail where the machine must have it."""
+    """Skip the running test, which found the requirement `name` missing, with `result`; fail if the machine must have it."""
     reason = NEEDS[name].reason + (f" ({result})" if result else "")
     if name in _must_have():
         pytest.fail(f"{reason}; ${MUST_HAVE} says that it is here", pytrace=False)
@@ -188,7 +188,7 @@ def _must_have() -> list[str]:
 
 
 def list_skips(reports: Iterable[Any]) -> list[str]:
-    """One line for each reason of skipped tests, the most frequent first."""
+    """Return a line with the number of tests for each reason of a skip, the most frequent first."""
     reasons = Counter(_find_reason(report) for report in reports)
     return [f"{count:>4}  {reason}" for reason, count in reasons.most_common()]
 
@@ -199,20 +199,20 @@ def _find_reason(report: Any) -> str:
 
 
 def pytest_sessionstart() -> None:
-    """What the machine must have is in the table."""
+    """Check that all names in $CLUTCH_HIL_MUST_HAVE are in the table."""
     for name in _must_have():
         if name not in NEEDS:
             raise pytest.UsageError(f"{MUST_HAVE} names {name!r}; allowed are {', '.join(NEEDS)}")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what is marked with a need that is not there."""
+    """Skip a test that is marked with a missing requirement."""
     for mark in item.iter_markers("needs"):
         skip_without(*mark.args)
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Tell what was skipped."""
+    """List the skipped tests."""
     if lines := list_skips(terminalreporter.stats.get("skipped", ())):
         terminalreporter.section(HEADING)
         terminalreporter.write("\n".join(lines) + "\n")

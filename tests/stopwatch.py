@@ -1,33 +1,33 @@
-"""How long something of this process took, had every thread that wanted a CPU been given one."""
+"""Stopwatch that leaves out the time in which threads of this process waited for a CPU."""
 
 import time
 from contextlib import suppress
 from pathlib import Path
 
 _TASKS = Path("/proc/self/task")
-_WAITED = 1  # of a thread's schedstat: ns that it was ready and another had the CPU
+_WAITED = 1  # field of a thread's schedstat: time in which it was ready but had no CPU [ns]
 
 
 class Stopwatch:
-    """Runs from where it is made. On a machine that is not full it shows what any clock does.
+    """A stopwatch that starts when it is made. On an idle machine it shows the same time as a clock.
 
-    Where it is full, what the threads of this process waited for a CPU is taken off: of all of them, as one that has no CPU
-    may hold what another waits for.
+    On a busy machine it subtracts the time in which threads of this process waited for a CPU. All threads count, because a
+    thread without a CPU may hold a lock that another one needs.
     """
 
     def __init__(self) -> None:
         self._began = time.monotonic()
-        # after the clock: a wait between the two would be taken off, and not be in the time
+        # read after the clock: a wait between the two readings would be subtracted without being in the time
         self._waited = _read_waited()
 
     def read_seconds(self) -> float:
-        """Since then [s], 0 at least."""
-        waited = _read_waited() - self._waited  # before the clock, for the same reason
+        """Return the time since the start [s], at least 0."""
+        waited = _read_waited() - self._waited  # read before the clock, for the same reason
         return max(0.0, time.monotonic() - self._began - max(0, waited) * 1e-9)
 
 
 def _read_waited() -> int:
-    """What the threads of this process have waited for a CPU [ns]; 0 where the kernel does not count it."""
+    """Return the time in which threads of this process waited for a CPU [ns]; 0 if the kernel does not measure it."""
     waited = 0
     for task in _TASKS.iterdir():
         with suppress(OSError):  # the thread has ended

@@ -211,7 +211,7 @@ def find_placeholder(values: np.ndarray, fewest: int = 2) -> tuple[str, np.ndarr
         away = float(np.min(np.abs(others - value)))
         if 0.0 < _FAR_AWAY * span < away:
             text = (
-                f"is {value:.6g} in {format_count(count, 'row')}, away from all other values by {away / span:.2g}"
+                f"is {value:.6g} in {format_count(len(rows), 'row')}, away from all other values by {away / span:.2g}"
                 " times their range: if it marks a missing value, set missing for this column in the import map to the"
                 " number that the file has"
             )
