@@ -101,7 +101,7 @@ def find_entry(name: str) -> Entry:
             if key.lower() == candidate.lower():
                 return known[key]
     close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else "`clutch-hil reproduce --list` names all"
+    hint = f"did you mean {' or '.join(close)}?" if close else "`clutch-hil reproduce --list` lists all"
     raise InputError(f"reproduction {name!r} does not exist; {hint}")
 
 

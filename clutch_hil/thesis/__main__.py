@@ -1,4 +1,4 @@
-"""`python -m clutch_hil.thesis`: run every reproduction and write docs/reproductions.md and its pictures anew."""
+"""`python -m clutch_hil.thesis`: run every reproduction and write docs/reproductions.md and its pictures again."""
 
 import shutil
 import tempfile
@@ -16,7 +16,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, progress_bar("reproduce", False) as progress:
         results, skipped = run_every(Path(folder), progress)
         if skipped:
-            raise InputError(f"{PAGE} needs every reproduction; skipped were {skipped}")
+            raise InputError(f"{PAGE} needs all reproductions; {skipped} were skipped")
         PICTURES.mkdir(exist_ok=True)
         for name in PICTURED_ENTRIES:
             shutil.copy(Path(folder) / f"{name}.png", PICTURES)

@@ -170,9 +170,9 @@ def reproduce_figure_c_5(sheet: Sheet) -> None:
     sheet.check("the output itself fades and is below zero after unloading [V/10]", unrestored < 0.0, unrestored,
                 "drifts away")  # fmt: skip
     sheet.note(
-        "the 6 g (1.2 %) are what the thesis's sensor is off its data sheet. The simulated sensor has "
+        "the 6 g (1.2 %) are the deviation of the thesis's sensor from its data sheet. The simulated sensor has "
         "that sensitivity exactly: its error is"
-        " noise, quantisation and rest of the zero"
+        " noise, quantisation and the remaining zero error"
     )
     note_own_values(sheet)
 
@@ -245,7 +245,7 @@ def reproduce_figure_c_7(sheet: Sheet) -> None:
     sheet.check("the leak hides part of the slow warming in the output: less than in the restored signal [-]", moved < share,
                 moved)  # fmt: skip
     sheet.note(
-        "warming of 5 K by the hand and 2 N/K are chosen here, together for the thesis's 1 kg: the quarter is no prediction"
+        "warming of 5 K by the hand and 2 N/K are chosen here, together for the thesis's 1 kg: the quarter is not a prediction"
     )
     note_own_values(sheet)
 
@@ -253,8 +253,8 @@ def reproduce_figure_c_7(sheet: Sheet) -> None:
 @register_reproduction(
     "figure-C.8",
     "Error of the restored signal over time, amplifier x10 and x100",
-    claim="x10, 2 kg: by what zeroing leaves, the error grows in a straight line from below 1 % at once (thesis 0.55 %) to 3.5 "
-    "% after 65 s; x100 stays below 1.2 %",
+    claim="x10, 2 kg: because of the zero error that remains, the error grows in a straight line from below 1 % at"
+    " once (thesis 0.55 %) to 3.5 % after 65 s; x100 stays below 1.2 %",
 )
 def reproduce_figure_c_8(sheet: Sheet) -> None:
     """2 kg put on after 15 s; the only error is the zero left by zeroing, chosen to give the 3.5 % of the thesis."""
@@ -279,14 +279,14 @@ def reproduce_figure_c_8(sheet: Sheet) -> None:
                 0.0 < at_once < 1.0, at_once, 0.55)  # fmt: skip
     bend = middle - 0.5 * (at_once + late)
     sheet.check("x10: halfway in time, halfway in error, +- 0.1: the drift is linear [%]", abs(bend) < 0.1, middle)
-    sheet.check("the zero error it takes is below two steps of the converter: zeroing cannot do much better [mV]",
+    sheet.check("the zero error for this is below two steps of the converter: zeroing cannot do much better [mV]",
                 left < 2.0 * step, (1e3 * left, 1e3 * step), "function of the accuracy of the zeroing")  # fmt: skip
     sheet.check("x100: the same zero error at the output stays below 1.2 % for 65 s [%]", errors[100.0][2] < 1.2,
                 errors[100.0][2], "about 1.2 at once")  # fmt: skip
     sheet.note(
-        "the thesis's 1.2 % at x100 is figure-C.5's 6 g of 500 g, what its sensor is off its data sheet; "
-        "the simulated sensor is not off, and a"
-        " zero error alone makes a tenth at x100 of what it makes at x10"
+        "the 1.2 % of the thesis at x100 are the 6 g of 500 g of figure-C.5, the deviation of its sensor from the data sheet; "
+        "the simulated sensor has no such deviation, and a"
+        " zero error alone has at x100 a tenth of its effect at x10"
     )
     sheet.note(f"the zero error of {1e3 * left:.2f} mV at the output is chosen for the 3.5 %; the thesis gives none")
     sheet.note("'after about 65 seconds' is read as 65 s on the load")

@@ -110,7 +110,7 @@ class OnlineEstimate:
         return np.roll(self.slip, -1) > np.roll(self.slip, 1)
 
     def measure_loop_width(self, torque: np.ndarray) -> float:
-        """Measure the mean of `torque` (BINS,) accelerating less decelerating [Nm], from 80 to 120 rpm."""
+        """Measure the mean of `torque` (BINS,) accelerating minus decelerating [Nm], from 80 to 120 rpm."""
         middle = np.linspace(80.0, 120.0, 9) * RPM
         up, down = (
             np.interp(middle, np.sort(self.slip[part]), torque[part][np.argsort(self.slip[part])])
@@ -176,25 +176,25 @@ def reproduce_figure_6_14(sheet: Sheet) -> None:
         sheet.table.append((f"{frequency:g}", *(f"{round(cell, 3) + 0.0:.3f}" for cell in cells)))  # no -0.000
 
     up = [one.measure_loop_width(one.measured) for one in estimates.values()]
-    sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating less decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",
+    sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating minus decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",
                 min(up) > 0.05, up, "accelerate above decelerate")  # fmt: skip
     check_estimate(sheet, "C [1/s]", lag.attraction, lag.half, load_nominal()["clutch.attraction"].value, ATTRACTION)
     left = float(np.sqrt(np.mean((lag.torque - lag.fitted) ** 2)))
     sheet.check("the fit leaves no more than the torque sensor's noise of 50 mNm [mNm]", left < 0.055, 1e3 * left)
     rms = [one.error for one in estimates.values()]
-    sheet.check(f"running controller, 1, 2, 5, 9 Hz: estimate less true torque, mean removed, at most {LARGEST_ERROR:g} Nm "
+    sheet.check(f"running controller, 1, 2, 5, 9 Hz: estimate minus true torque, mean removed, at most {LARGEST_ERROR:g} Nm "
                 "rms [Nm]",
                 max(rms) <= LARGEST_ERROR, rms, "this project")  # fmt: skip
     repeated = [one.repeated_error for one in estimates.values()]
-    sheet.check("... and what of it comes back in every period at most 0.03 Nm rms [Nm]", max(repeated) <= 0.03, repeated,
+    sheet.check("... and its part that repeats in every period at most 0.03 Nm rms [Nm]", max(repeated) <= 0.03, repeated,
                 "this project")  # fmt: skip
     ratios = [one.measure_loop_width(one.estimate) / one.measure_loop_width(one.true) for one in estimates.values()]
     sheet.check("it shows the lag: that of the estimate over that of the true torque is 0.9 to 1.1 [-]",
                 max(abs(ratio - 1.0) for ratio in ratios) < 0.1, ratios, "this project")  # fmt: skip
     by_value = [run_online_estimate(FREQUENCY, attraction).error for attraction in values]
-    sheet.check("at 5 Hz a controller with C = 69 errs least of C = 34.5, 69, 138, 1000 1/s [Nm]",
+    sheet.check("at 5 Hz a controller with C = 69 has the smallest error of C = 34.5, 69, 138, 1000 1/s [Nm]",
                 int(np.argmin(by_value)) == values.index(ATTRACTION), by_value, "C = 69.0")  # fmt: skip
-    sheet.note("C is fitted together with the curve of figure-6.12, held by the covariance it was found with")
+    sheet.note("C is fitted together with the curve of figure-6.12, with the covariance from that figure as prior")
     sheet.note(
         "the estimate is the column controller_torque_estimate_nm of a run of plant and controller, frame by frame, under a "
         "request for 3.4 bar; its floor of 0.08 Nm is the noise of the measured pressure, 5 mbar. Other frequencies than 5 Hz "

@@ -143,7 +143,7 @@ def reproduce_figure_6_11(sheet: Sheet) -> None:
 
 
 def _measure_hysteresis(run: Run) -> np.ndarray:
-    """Measure torque opening less torque closing [Nm] (5,) at 2.6 to 4.2 bar, of a run up and down."""
+    """Measure torque while opening minus torque while closing [Nm] (5,) at 2.6 to 4.2 bar, of a run up and down."""
     part = run.pressure > 2.5
     line = np.polyfit(run.pressure[part], run.torque[part], 1)
     above = run.torque - straight_line(run.pressure, *line)  # Nm

@@ -132,17 +132,17 @@ def reproduce_figure_5_10(sheet: Sheet) -> None:
     worse = rows["pre-sliding"]["Coulomb"] / rows["pre-sliding"]["none"]
     sheet.note(
         f"Coulomb in pre-sliding: {worse:.1f} times the error without any friction model. It pushes with the whole static "
-        "friction where the springs of the contact ask for little; the thesis does not say so"
+        "friction where the springs of the contact need little; the thesis does not mention this"
     )
     sheet.note(
-        "no numbers of an axis stand in the thesis; those chosen here are in "
+        "the thesis gives no numbers of the axis; those chosen here are in "
         "parameters/position_axis.toml. The same PID for all, tuned to "
         "a peak sensitivity of 2; every model identified from one noisy run, Coulomb from its sliding samples, which suits "
         "it best, all with the mass that the best fit found"
     )
     sheet.note(
-        "the axis itself has XGMS friction with ten elements, with other break points than the identified GMS: its family "
-        "is at home here. `compensation` repeats it where none is, and where LuGre is"
+        "the axis itself has XGMS friction with ten elements, with other break points than the identified GMS, so this "
+        "favours that family. `compensation` repeats it for an axis of none of the families, and of LuGre"
     )
 
 

@@ -117,7 +117,7 @@ def reproduce_figure_2_5(sheet: Sheet) -> None:
     )
     lag = _measure_lag(force) / noise
     sheet.check(
-        "friction accelerating less decelerating at equal speed, over the noise (rms), below 1",
+        "friction accelerating minus decelerating at equal speed, over the noise (rms), below 1",
         abs(lag) < 1.0,
         lag,
         "friction lag not very clear due to the noise",

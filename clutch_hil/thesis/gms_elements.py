@@ -83,9 +83,10 @@ def reproduce_elements(sheet: Sheet) -> None:
         "one is enough",
     )
     sheet.note(
-        f"10 elements err by {by_count[10]:.1%} of the friction where 4 err by {by_count[4]:.1%}: what is left of 4 shows "
-        "unless measurements scatter by more than that, as Tjahjowidodo's may have. On a measured contact (`microtribometer`) "
-        "4 are as good as 10; on an axis that repeats better the further elements pay"
+        f"10 elements err by {by_count[10]:.1%} of the friction where 4 err by {by_count[4]:.1%}: the remaining error of 4 is "
+        "visible unless measurements scatter by more than that, as those of Tjahjowidodo may do. On a measured"
+        " contact (`microtribometer`) "
+        "4 are as good as 10; on an axis with a better repeatability more elements reduce the error"
     )
     sheet.note(
         "truth: 200 elements on a smooth virgin curve x/(x + x_0) up to 60 um; break points and limits of N elements fitted to "

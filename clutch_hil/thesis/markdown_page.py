@@ -13,12 +13,13 @@ PICTURES = PAGE.with_suffix("")  # folder of the pictures that the page shows
 PICTURED_ENTRIES = ("figure-6.14", "figure-6.15", "table-6.6")
 
 _INTRODUCTION = """
-A claim is what the thesis says about a figure or table, checked by running it. 'This project' marks claims that are not the
-thesis's. Each entry prints its checks with what was measured, what the thesis gives, and what had to be chosen because the
-thesis does not give it.
-Chapter 6 is measured over the controller as it runs, which is asked for pressures or torques frame by frame.
-The fits of figure-5.10, compensation and microtribometer end elsewhere where a processor rounds otherwise: without AVX2 and FMA
-their numbers differ by up to 13 %, and XGMS misses the unloading by 0.073 N.
+A claim is a statement of the thesis about a figure or table. `clutch-hil reproduce NAME` computes it and checks the claim.
+Claims marked with 'this project' are not from the thesis. For each check, the command prints the measured value and
+the value of the thesis. Its notes list the values that were chosen here because the thesis does not give them.
+The entries of chapter 6 measure the plant with the running controller, which receives its pressure or torque demands frame by
+frame.
+The fits of figure-5.10, compensation and microtribometer depend on how the processor rounds. Without AVX2 and FMA their numbers
+differ by up to 13 %, and the error of XGMS in the unloading is 0.073 N.
 """
 
 
@@ -34,10 +35,10 @@ def format_markdown_page(results: Sequence[Result]) -> str:
         "# Reproductions",
         head + _INTRODUCTION,
         _format_table(claims),
-        "## What does not hold, and why",
+        "## Claims that do not hold, and why",
         _format_table(against),
     ]
-    parts += ["## What was measured, for entries with a table"]
+    parts += ["## Measured values of the entries with a table"]
     for result in results:
         if result.sheet.table:
             parts += [f"### {result.entry.name}: {result.entry.title}"]

@@ -1,4 +1,4 @@
-"""Location of measured data of real rigs: beside the project, or in `$CLUTCH_HIL_DATA`. They are not part of the project."""
+"""Location of measured data of real rigs: next to the project, or in `$CLUTCH_HIL_DATA`. They are not part of the project."""
 
 import os
 from pathlib import Path
@@ -25,6 +25,6 @@ def find_measured_file(name: str) -> Path:
     if not path.is_file():
         source = SOURCES[name.partition("/")[0]]
         raise MissingDataError(
-            f"measured data {name} are not in {folder}; set {VARIABLE} to a folder that has them (source: {source})"
+            f"measured data {name} are not in {folder}; set {VARIABLE} to the folder that contains them (source: {source})"
         )
     return path

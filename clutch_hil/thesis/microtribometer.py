@@ -77,7 +77,7 @@ def read_record() -> Record:
     time, load, position, force = table.T  # s, uN, mm, uN
     needed = BEGIN + 2 * CYCLES * PERIOD
     if time[-1] < needed:
-        raise InputError(f"measured data {path} end at {time[-1]:g} s; needed are {needed:g} s or more")
+        raise InputError(f"measured data {path} end at {time[-1]:g} s; {needed:g} s or more are needed")
     grid = np.arange(0.0, time[-1], STEP)
     metres = 1e-3 * np.interp(grid, time, position - position[0])
     newtons = np.interp(grid, time, np.maximum(load, 0.0)) * 1e-6

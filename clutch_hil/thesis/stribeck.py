@@ -15,7 +15,7 @@ FAST = 1e9  # m/s; chosen: far above any Stribeck velocity
 @register_reproduction(
     "figure-1.7",
     "Friction force of the Stribeck and the viscous model",
-    claim="from F_S the force falls, at a speed told by V_S, towards F_C = beta F_S; viscous friction raises it again",
+    claim="from F_S the force falls, at a speed given by V_S, towards F_C = beta F_S; viscous friction raises it again",
 )
 def reproduce_figure_1_7(sheet: Sheet) -> None:
     """Eq 1.4 with its Stribeck and its viscous part."""

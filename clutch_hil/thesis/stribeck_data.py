@@ -79,7 +79,7 @@ def _fit_and_check(sheet: Sheet, axes: Axes, data: Data, colour: str, near: floa
     )
     if bounded.doubts:
         names = ", ".join(name for name in DEPTH.names if any(name in doubt.split() for doubt in bounded.doubts))
-        sheet.note(f"{data.name}: the curve is fitted, but these points do not tell {names} one by one")
+        sheet.note(f"{data.name}: the curve is fitted, but these points do not determine {names} separately")
 
 
 def _format_legend(axes: Axes, colour: str) -> None:
@@ -187,7 +187,10 @@ def reproduce_stribeck_fit(sheet: Sheet) -> None:
     right.plot(spread[:, 3], spread[:, 4], ".", ms=4, color="tab:blue")
     right.plot(1.0, 1.0, "+", ms=12, color=REFERENCE_COLOUR)
     label_axes(
-        right, "σ_v by its true value [-]", "γ by its true value [-]", f"{DRAWS} fits: σ_v and γ are hardly told apart"
+        right,
+        "σ_v by its true value [-]",
+        "γ by its true value [-]",
+        f"{DRAWS} fits: σ_v and γ can hardly be separated",
     )
     cover = np.mean(inside, axis=0)
     table = zip(DEPTH.names, cover, spread.std(axis=0), strict=True)

@@ -50,7 +50,7 @@ CONTACT_NOTE = (
           " stick-time-dependent coefficient",
 )  # fmt: skip
 def reproduce_figure_4_1(sheet: Sheet) -> None:
-    """Generic model in the rig, XGMS beside it."""
+    """Generic model in the rig, compared with XGMS."""
     left, right = sheet.make_axes(1, 2, width=11, height=4.6)
     load = 280.0
     torque: dict[str, list[float]] = {"creeping asperities": [], "without creep": [], "XGMS": []}
@@ -131,7 +131,7 @@ def reproduce_figure_4_3(sheet: Sheet) -> None:
         closure, missed = _measure_closure(motion), _measure_closure(_run_local_memory(name, load, scale))
         if name == "dry":
             sheet.check(
-                "dry: torque at both inner loops on the return to where they began less that when they began: within 12"
+                "dry: torque at both inner loops on the return to where they began minus that when they began: within 12"
                 " mNm, three times the noise [mNm]", float(np.abs(closure).max()) < 0.012, 1e3 * closure, "closes",
             )  # fmt: skip
         else:
@@ -168,7 +168,7 @@ def _run_local_memory(condition: str, load: float, scale: float) -> Motion:
 
 
 def _measure_closure(motion: Motion) -> Array:
-    """Measure the torque [Nm] (2,) on the return to the start of each inner loop, less the torque at its start."""
+    """Measure the torque [Nm] (2,) on the return to the start of each inner loop, minus the torque at its start."""
     times, angle, differences = corner_times(SAW_TOOTH, SAW_SPEED), motion.record.angle_rad, []
     for first, second in (INNER_CORNERS[:2], INNER_CORNERS[2:]):
         side = np.sign(SAW_TOOTH[first] - SAW_TOOTH[second])
@@ -224,7 +224,7 @@ def reproduce_figure_4_4(sheet: Sheet) -> None:
     label_axes(axes[1], r"$\omega$ [rad/s]", r"$T_f$ [Nm]", "friction lag")
     label_axes(axes[2], r"$\omega$ [rad/s]", r"$T_f$ [Nm]", "zoom")
     sheet.check(
-        "accelerating less decelerating, mean over 0.13 to 0.34 rad/s, is above 0 at each frequency [Nm]",
+        "accelerating minus decelerating, mean over 0.13 to 0.34 rad/s, is above 0 at each frequency [Nm]",
         min(lags) > 0.0, lags, "higher during acceleration",
     )  # fmt: skip
     sheet.check("the lag grows with the frequency [Nm]", bool(np.all(np.diff(lags) > 0.0)), lags, "figure: wider loops")

@@ -30,7 +30,7 @@ MICROMETRES = 1e6  # um in a m
 
 
 def _run_cross(rig: Tribometer, load: float, frequency: float) -> tuple[Motion, Array]:
-    """Run an oscillation about OFFSET; return it, and accelerating less decelerating torque [Nm] (12,) between BINS."""
+    """Run an oscillation about OFFSET; return it, and accelerating minus decelerating torque [Nm] (12,) between BINS."""
     motion = play_oscillation(rig, load, OFFSET, SWING, frequency, periods=40)
     up, down = measure_branches(motion, BINS)
     return motion, up - down
@@ -47,7 +47,7 @@ def _crosses_zero(difference: Array) -> bool:
           " dynamics",
 )  # fmt: skip
 def reproduce_figure_4_5(sheet: Sheet) -> None:
-    """Reciprocation, then oscillation with an offset; what each of the two lags does alone."""
+    """Reciprocation, then oscillation with an offset; the effect of each of the two lags alone."""
     axes = sheet.make_axes(1, 3, width=14, height=4.6)
     rig = CONTACTS.make_lubricated_rig(OWN_WEIGHT)
     speeds = np.linspace(0.13, 0.34, 8)
@@ -71,14 +71,14 @@ def reproduce_figure_4_5(sheet: Sheet) -> None:
     axes[2].legend(frameon=False, loc="lower right")
     label_axes(axes[2], r"$\omega$ [rad/s]", r"$T_{lf}$ [Nm]", "58 N, 9 Hz about an offset; means of 40 periods")
     sheet.check(
-        "1, 2, 3 Hz: |accelerating less decelerating| over 0.13 to 0.34 rad/s is below 3 % of the torque",
+        "1, 2, 3 Hz: |accelerating minus decelerating| over 0.13 to 0.34 rad/s is below 3 % of the torque",
         max(map(abs, lags)) < 0.03, lags, "not really visible",
     )  # fmt: skip
     sheet.check(
         "the torque rises by 10 % or more from 0.145 to 0.325 rad/s", min(rises) > 0.1, rises, "velocity strengthening"
     )
     sheet.check(
-        "9 Hz: accelerating less decelerating goes from below -1.5 to above 1.5 mNm as the speed rises [mNm]",
+        "9 Hz: accelerating minus decelerating goes from below -1.5 to above 1.5 mNm as the speed rises [mNm]",
         _crosses_zero(both) and bool(both.argmin() < both.argmax()), 1e3 * both, "cross each other",
     )  # fmt: skip
     others = [
@@ -110,7 +110,7 @@ def reproduce_figure_4_5(sheet: Sheet) -> None:
         " only rises, or only falls, with the speed cannot cross itself. Here two of opposite sign do it: a boundary"
         " friction that strengthens with speed (beta = 1.15, C = 69 1/s) lags and is lower accelerating, at low speed;"
         " the film lags, bears less and so leaves more friction accelerating, at higher speed. Which branch is on top"
-        " at which speed is not told by the thesis"
+        " at which speed is not given in the thesis"
     )
     sheet.note(
         "beta, v_s and the film's share (0.3 of the load), speed and rate are chosen here so that both are seen within"
@@ -123,7 +123,7 @@ def reproduce_figure_4_5(sheet: Sheet) -> None:
     claim="lift-up of about 1 um over speed; about 3.5 um peak to peak per revolution by the shape of the disks",
 )  # fmt: skip
 def reproduce_figure_4_11(sheet: Sheet) -> None:
-    """Staircase of speeds, forth and back."""
+    """Staircase of speeds, forward and backward."""
     axes = sheet.make_axes(1, 2, width=11, height=4.6)
     rig = CONTACTS.make_lubricated_rig(HIGHEST_LOAD)
     levels = np.array([*STAIR_SPEEDS, *(-np.array(STAIR_SPEEDS))])
@@ -215,7 +215,7 @@ def reproduce_figure_4_18(sheet: Sheet) -> None:
         min(tops) > 0.1, tops, "butterfly",
     )  # fmt: skip
     sheet.check(
-        "wings: forth less back is above 0 at positive and below 0 at negative angles, by 0.03 um or more [um]",
+        "wings: forward minus backward is above 0 at positive and below 0 at negative angles, by 0.03 um or more [um]",
         min(wings) > 0.03 and max(sides) < -0.03, [*wings[:2], *sides[:2]], "the loops cross in the middle",
     )  # fmt: skip
     uneven = [wing / -side for wing, side in zip(wings, sides, strict=True)]

@@ -233,7 +233,7 @@ def reproduce_figure_4_13(sheet: Sheet) -> None:
         standing_out[0] < 0.8 * standing_out[1], measured=standing_out, thesis="less obvious at 280 N",
     )  # fmt: skip
     sheet.note(
-        "the simulator's lift-up is 1 um at any load (fig 4.11 tells it for the highest load alone); one that grows "
+        "the simulator's lift-up is 1 um at any load (fig 4.11 gives it only for the highest load); one that grows "
         "with the load"
         " would explain that speed shows less at 280 N, but the thesis gives no measure of it"
     )

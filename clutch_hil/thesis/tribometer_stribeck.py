@@ -197,7 +197,7 @@ def reproduce_figure_4_15(sheet: Sheet) -> None:
     )
     sheet.note(
         "rms error of the joined fits: 2.5 to 3.0 % of the torque, systematic. With gamma and v_s free it is 0.4 to 1.9 %, but"
-        " 1/a_1 then runs to its bounds: these data do not tell it"
+        " 1/a_1 then runs to its bounds: these data do not determine it"
     )
     sheet.note(
         "a Stribeck effect that grows with the load is not in the contact: eq 4.1 has one a_1 for all loads, and the"

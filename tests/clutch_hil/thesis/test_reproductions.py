@@ -89,13 +89,13 @@ def test_the_claim_holds(name: str, tmp_path: Path) -> None:
 
 
 def test_the_page_tells_every_entry_and_no_other() -> None:
-    begun = RECORD.index("## What does not hold, and why")
+    begun = RECORD.index("## Claims that do not hold, and why")
     assert [row.split(" | ")[0][2:] for row in RECORD[:begun] if row.startswith("| ")] == ["name", *ENTRIES]
     holding = sum(" | yes | " in row for row in RECORD[:begun])
     assert f"{holding} of {len(ENTRIES)} claims hold, {len(CONTRADICTED)} known not to." in RECORD[2]
     failed = {
         row.split(" | ")[0][2:]
-        for row in RECORD[begun : RECORD.index("## What was measured, for entries with a table")]
+        for row in RECORD[begun : RECORD.index("## Measured values of the entries with a table")]
     }
     assert {name for name in failed if name in ENTRIES} == CONTRADICTED.keys()
     assert all((PICTURES / f"{name}.png").stat().st_size > 10_000 for name in PICTURED_ENTRIES)
@@ -195,7 +195,7 @@ def test_a_picture_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> N
 
 def test_an_unknown_name_is_refused_with_what_exists() -> None:
     with pytest.raises(
-        InputError, match="reproduction 'nothing' does not exist; `clutch-hil reproduce --list` names all"
+        InputError, match="reproduction 'nothing' does not exist; `clutch-hil reproduce --list` lists all"
     ):
         find_entry("nothing")
     with pytest.raises(InputError, match=r"'figure-2\.122' does not exist; did you mean figure-2\.12 or"):
@@ -217,7 +217,7 @@ def test_a_claim_without_a_check_does_not_hold() -> None:
 def test_a_list_is_nothing_but_a_list(words: tuple[str, ...]) -> None:
     done = play_here("reproduce", *words)
     assert done.returncode == 2
-    assert f"reproduce was given --list and {words[1]}; allowed is one of them" in done.stderr
+    assert f"--list and {words[1]} were both given; only one of them is allowed" in done.stderr
 
 
 def test_a_repetition_is_shown_and_keeps_the_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,7 +230,7 @@ def test_a_repetition_is_shown_and_keeps_the_picture(tmp_path: Path, monkeypatch
     again = play_here("reproduce", "fine", "--out", tmp_path)
     assert (first.returncode, again.returncode) == (0, 0)
     assert f"wrote:   {picture}\n" in first.stdout
-    assert f"wrote:   nothing; {picture} exists already, --overwrite draws it anew\n" in again.stdout
+    assert f"wrote:   nothing; {picture} exists already, --overwrite replaces it\n" in again.stdout
     assert picture.read_bytes() == b"kept"
     assert play_here("reproduce", "fine", "--out", tmp_path, "--overwrite").returncode == 0
     assert picture.read_bytes() != b"kept"
