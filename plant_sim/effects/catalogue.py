@@ -1,4 +1,4 @@
-"""Catalogue: every effect there is.
+"""Catalogue: all effects, of this package and of the user.
 
 An effect is one file: in the folder of its block here, or in one of the user's folders. The environment variable
 CLUTCH_HIL_EFFECTS lists those, separated by colons as in PATH.
@@ -73,7 +73,7 @@ def _check_names(one: Effect, known: Mapping[str, Effect]) -> None:
     beside = one.display.beside
     if beside is not None and beside not in known:
         raise InputError(
-            f"effect {one.name} is shown beside {beside!r}, which is unknown; {suggest_closest(beside, known)}"
+            f"effect {one.name} is shown together with {beside!r}, which is unknown; {suggest_closest(beside, known)}"
         )
 
 

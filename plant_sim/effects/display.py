@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Display:
-    """How an effect is shown: needed only where the greatest change does not show what the effect is.
+    """How an effect is shown; needed only if the largest change does not show what the effect does.
 
     excitation: name of an open-loop experiment; None for the short one in which the effect changes most.
     column: measured quantity, the ordinate; None for the one that the effect changes most.
-    over: column of the abscissa; None for the experiment's own.
-    beside: name of an effect that is on as well, in both curves, where this one does nothing without it.
+    over: column of the abscissa; None for that of the experiment.
+    beside: name of an effect that is also on, in both curves, if this one has no influence without it.
     Experiments and columns are listed in docs/effects.md.
     """
 

@@ -1,8 +1,8 @@
-"""Dry call: the compiled laws of a user's effect are called outside of a rig, so that what is wrong with them is told.
+"""Dry call: the compiled laws of a user's effect are called outside of a rig, to report their errors.
 
-In a rig nobody would see it: compiled code ignores an exception that a law raises, and a rig clips or ignores what it is not
-to be given. The effect is called at its typical values, in a clutch that slips under pressure. Effects of this package are not
-called: tests do that (tests/plant_sim/effects/test_dry_call.py).
+In a rig the errors would stay hidden: compiled code ignores an exception of a law, and a rig clips or ignores values that
+it must not get. The effect is called at its typical values, in a clutch that slips under pressure. Effects of this package are
+called only by tests (tests/plant_sim/effects/test_dry_call.py).
 """
 
 import ctypes
@@ -74,7 +74,7 @@ def _check_finite(effect: Effect, hook: int, name: str, record: np.ndarray) -> N
         if not np.all(np.isfinite(record[field])):
             value = record[field].ravel()[~np.isfinite(record[field].ravel())][0]
             raise InputError(
-                f"{_describe(effect, hook)} makes {name}.{field} {value} at typical values; finite values are allowed"
+                f"{_describe(effect, hook)} makes {name}.{field} {value} at typical values; the values must be finite"
             )
 
 
@@ -85,8 +85,8 @@ def _check_changes(
         if field not in allowed and np.any(before[field] != after[field]):
             signals = ", ".join(f"s.{signal}" for signal in CHANGEABLE[hook])
             raise InputError(
-                f"{_describe(effect, hook)} changes {name}.{field}; allowed there are"
-                f" {signals or f'fields of c, but for {_FIXED}...'}"
+                f"{_describe(effect, hook)} changes {name}.{field}; it may change only"
+                f" {signals or f'fields of c, except {_FIXED}...'}"
             )
 
 

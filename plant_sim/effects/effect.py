@@ -74,10 +74,10 @@ class State:
 class Effect:
     """An effect: its block, its laws by hook, its parameters and states.
 
-    rank: effects at a hook are called in this order, low first; 0 unless it must see what others did.
-    excludes: names of effects that model the same part in another way.
-    rate: what it adds to the fastest rate of piston and cylinder [1/s], from the SI values of its own parameters and of the
-    rig's (by field of `c`); None adds nothing.
+    rank: effects at a hook are called in this order, low first; 0 unless the law needs the results of other laws.
+    excludes: names of effects that model the same part in a different way.
+    rate: amount that it adds to the fastest rate of piston and cylinder [1/s], from the SI values of its own parameters and of
+    those of the rig (by field of `c`); None adds nothing.
     candidate: whether the discrepancy workflow may name it.
     display: how it is shown.
     start: where a fit of its parameters begins.
@@ -104,12 +104,12 @@ class Effect:
             )
         if not self.name.isidentifier():
             raise InputError(
-                f"effect file {self.path}: {self.name!r} is no name for an effect; letters, digits and _ are allowed"
+                f"effect file {self.path}: {self.name!r} is not a valid name of an effect; allowed are letters, digits and _"
             )
         if self.block not in BLOCKS:
             raise InputError(f"effect {self.name}: block {self.block!r} is unknown; allowed are {', '.join(BLOCKS)}")
         if not any(isinstance(p, Strength) for p in self.parameters):
-            raise InputError(f"effect {self.name} has no Strength: nothing could switch it on")
+            raise InputError(f"effect {self.name} has no Strength, so it cannot be switched on")
         for p in self.parameters:
             if isinstance(p, Strength) and p.typical == p.off:
                 raise InputError(f"effect {self.name}: {p.name} is off at its typical value {p.typical:g} {p.unit}")
@@ -132,11 +132,11 @@ class Effect:
         for name in self.start.parameters:
             if name not in names:
                 raise InputError(
-                    f"effect {self.name}: start sets {name!r}, which is no parameter; {suggest_closest(name, names)}"
+                    f"effect {self.name}: start sets {name!r}, which is not a parameter; {suggest_closest(name, names)}"
                 )
 
     def _check_fields(self) -> None:
-        """Raise InputError for fields that are none, for two of one name, and in a user's effect for the unit of a state."""
+        """Raise InputError for invalid fields, for two fields of one name, and in a user's effect for the unit of a state."""
         if not isinstance(self.rank, int):
             raise InputError(f"effect {self.name}: rank is {self.rank!r}; a whole number is needed")
         if self.rate is not None and not callable(self.rate):
@@ -145,7 +145,7 @@ class Effect:
             names = [one.name for one in fields]
             if odd := [name for name in names if not name.isidentifier()]:
                 raise InputError(
-                    f"effect {self.name}: {odd[0]!r} is no name for one of its {kind}; letters, digits and _ are allowed"
+                    f"effect {self.name}: {odd[0]!r} is not a valid name for its {kind}; allowed are letters, digits and _"
                 )
             if twice := [name for name in names if names.count(name) > 1]:
                 raise InputError(f"effect {self.name} has {names.count(twice[0])} {kind} {twice[0]!r}; allowed is one")
@@ -172,7 +172,7 @@ class Effect:
 
     @cached_property
     def comes_with_bench(self) -> bool:
-        """Whether it is an effect of this package, and not one of a user."""
+        """Whether it is an effect of this package, not of a user."""
         return all((law.__module__ or "").startswith("plant_sim.") for law in self.laws.values())
 
     @cached_property

@@ -1,6 +1,6 @@
-"""Signals and hooks: where an effect attaches to a rig, what it sees there and what it may change.
+"""Signals and hooks: where an effect attaches to a rig, which values it gets there and which it may change.
 
-A hook is a place in the rig's integration step. There the rig writes what it knows into a record of SIGNALS, calls the laws
+A hook is a place in the rig's integration step. There the rig writes the known values into a record of SIGNALS, calls the laws
 of the effects, and continues with the values that they leave in the record. A hook without a law costs two loads.
 
 At every hook a law may read time, valve_pressure, pressure, position, temperature, slip and angle: those of the step's
@@ -10,7 +10,7 @@ FRICTION, contact and viscous_share at TORQUE, torque from TORQUE to DRIVE, stil
 those of the step before.
 
     hook         called                               an effect may change
-    RIG          once a call, h its length            fields of `c`, the rig's own parameters, but for sensors_...
+    RIG          once a call, h its length            fields of `c`, the rig's own parameters, except sensors_...
     COMMAND      every step                           demand, supply_pressure
     HYDRAULICS   every stage of a step, h = 0         flow, capacity, thrust_pressure
     STACK        every stage of a step, h = 0         stack_force, a function of `position`
@@ -68,9 +68,9 @@ FIELDS = tuple(
     for signal in (
         ("time", "s", "since the run's start, at mid-step; at SENSORS at its end", 1.0),
         ("voltage", "V", "at the valve's amplifier", 2.0),
-        ("demand", "Pa", "pressure that the valve is asked for, before it is limited to 0..supply", 4e5),
+        ("demand", "Pa", "pressure demanded from the valve, before it is limited to 0..supply", 4e5),
         ("supply_pressure", "Pa", "of the valve's supply", 2.5e6),
-        ("valve_pressure", "Pa", "behind the valve", 4e5),
+        ("valve_pressure", "Pa", "after the valve", 4e5),
         ("pressure", "Pa", "in the cylinder", 4e5),
         ("thrust_pressure", "Pa", "that drives the piston", 4e5),
         ("flow", "m^3/s", "into the cylinder", 1e-6),

@@ -1,8 +1,8 @@
 """Start of a fit: where the search for an effect's parameters begins.
 
-A fit goes downhill from where it begins, so it misses a parameter on which the residual depends in many waves, like the order
-of a ripple. Such an effect says where in a run a good beginning can be read. These classes are data; the model that is fitted
-has the method for each.
+A fit goes downhill from its start, so it misses a parameter on which the residual depends in many waves, like the order
+of a ripple. Such an effect states where in a run a good start value can be read. These classes are data; the fitted model
+has a method for each.
 """
 
 from collections.abc import Mapping

@@ -96,7 +96,7 @@ def make_table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -
 
 
 def sum_added_rates(parameters: ParameterSet, c: Mapping[str, float]) -> float:
-    """The sum of what the effects that are on add to the fastest rate of piston and cylinder [1/s]; `c`: see `make_table`."""
+    """Sum of the amounts that active effects add to the fastest rate of piston and cylinder [1/s]; `c`: see `make_table`."""
     on = (e for e in load_effects().values() if e.rate and _replace_idle(e, parameters) is not NONE)
     return sum(_compute_rate(e, parameters.list_si(e.name), c) for e in on)
 
@@ -144,5 +144,5 @@ def _check_exclusions(chosen: Sequence[Effect]) -> None:
     for one in chosen:
         if others := [name for name in one.excludes if name in names]:
             raise InputError(
-                f"effects {one.name} and {others[0]} exclude each other: both model one part; allowed is one"
+                f"effects {one.name} and {others[0]} exclude each other, because both model the same part; use only one"
             )

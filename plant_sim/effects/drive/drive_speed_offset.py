@@ -14,7 +14,7 @@ from plant_sim.effects.signals import DRIVE
 
 
 def add(s, c, p, x, h):
-    """Add the zero error to what the drive's regulator takes as the speed of its motor."""
+    """Add the zero error to the motor speed that the drive's regulator uses."""
     s.lead += p.offset
 
 

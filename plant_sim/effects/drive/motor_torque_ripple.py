@@ -2,7 +2,7 @@
 
 What            slots, and harmonics of flux and current, make the motor's torque uneven over a turn
 Equation        M_m = M_m0 [1 + a cos(n theta + phi)]
-Assumptions     one order n, in proportion to the torque that is asked for; the drive's torque signal shows the ripple; theta is
+Assumptions     one order n, in proportion to the demanded torque; the drive's torque signal shows the ripple; theta is
                 the angle of the plate at mid-step: the twist of the shaft is small against a period
 Valid range     a 0..0.5, n 0.5..200 a turn
 Not modelled    cogging without current (position_ripple), the drive's own compensation, change with field weakening

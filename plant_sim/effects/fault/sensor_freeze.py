@@ -5,7 +5,7 @@ Equation        V_shown = V of the last sample before the channel's strength bec
 Assumptions     frozen at the converter, after everything else; a channel that is frozen when the effect is switched on
                 keeps the sample of that instant
 Valid range     each strength 0 (works) or 1 (frozen)
-Not modelled    a frame that stops: its alive counter goes on counting
+Not modelled    a frame that stops; the alive counter of this one continues
 References      ISO 26262-5:2018, Table D.1: failure modes of sensors, among them stuck in range
 """
 

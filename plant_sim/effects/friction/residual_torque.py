@@ -1,13 +1,13 @@
 """Friction torque that no effect of the catalogue explains, as a polynomial.
 
-What            stands for what the discrepancy workflow finds missing but cannot name, so that the model can be used meanwhile
+What            replaces a missing effect that the discrepancy workflow cannot name, so that the model can be used meanwhile
 Equation        M += sigma (a_0 + a_1 P + a_2 P^2 + a_3 W + a_4 W^2 + a_5 P W + a_6 T + a_7 P T + a_8 D + a_9 P D + a_10 t
                        + a_11 E) + a_12 V + b cos(n theta) + b' sin(n theta)    in contact
                 M += sigma a_13 W                                               out of contact
                 M += a_14                                                       always
                 P = (p* - 3.4 bar)/0.8 bar, W = |omega|/20 rad/s, T = (T - 70 degC)/10 K, t = time/24 s,
-                sigma = omega/(|omega| + 0.5 rad/s), E, V: p/0.8 bar, omega/20 rad/s less the same behind a lag of 20 ms,
-                dD = dp/0.1 bar, |D| <= 1: direction of the pressure, kept while it stands (Maxwell-slip element)
+                sigma = omega/(|omega| + 0.5 rad/s), E, V: p/0.8 bar, omega/20 rad/s minus the same after a lag of 20 ms,
+                dD = dp/0.1 bar, |D| <= 1: direction of the pressure, kept while it is constant (Maxwell-slip element)
 Assumptions     none: coefficients are fitted (clutch_hil/discrepancy/surrogate_term.py), not understood
 Valid range     that of the runs it was fitted to; |P|, W, |T|, |E| are held beyond 2
 Not modelled    the physical cause; memory beyond 20 ms

@@ -9,7 +9,7 @@ Assumptions     the density of Gaussian summits at the height of the film gives 
 Integration     exact at constant force over a step
 Valid range     lambda_0 0..20, I 0.001..1 bar s
 Not modelled    shear of the film itself, flow factors (Patir and Cheng), relief of the film by the load on the summits, porous
-                lining, grooves (but for their part in I), stiffness and damping of the film on the piston
+                lining, grooves (except their part in I), stiffness and damping of the film on the piston
 References      Reynolds 1886; Patir and Cheng 1978, J. Lubrication Technology 100; Berger, Sadeghi and Krousgrill 1996,
                 J. Tribology 118 (engagement of rough and grooved wet clutches)
 """

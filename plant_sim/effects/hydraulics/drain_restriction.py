@@ -2,7 +2,7 @@
 
 What            oil enters past the supply edge of the valve, and leaves past its tank edge and another line
 Equation        q = r G (p_v - p) where p_v < p
-Assumptions     laminar both ways; tank at ambient pressure
+Assumptions     laminar in both directions; tank at ambient pressure
 Valid range     r 0.05..3
 Not modelled    back pressure of the tank line, oil held back by rotation (centrifugal_pressure)
 References      Merritt 1967, Hydraulic Control Systems, chapter 5 (orifices of a spool valve need not match)
@@ -19,7 +19,7 @@ def drain(s, c, p, x, h):
 
 
 def rate(p, c):
-    """What a wider drain adds to the rate [1/s] at which the line fills the cylinder."""
+    """Amount [1/s] that a wider drain adds to the rate at which the line fills the cylinder."""
     return max(p["ratio"] - 1.0, 0.0) * c["hydraulics_conductance"] / c["hydraulics_capacity"]
 
 

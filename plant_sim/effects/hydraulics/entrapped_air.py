@@ -27,7 +27,7 @@ EFFECT = Effect(
     parameters=(
         Strength(
             "volume", "m^3", off=0.0, typical=1e-6, bounds=(0.0, 5e-5),
-            source="[D] 1 cm^3 beside the 11 cm^3 that the piston displaces: left after draining through the shaft",
+            source="[D] 1 cm^3 in addition to the 11 cm^3 that the piston displaces: left after draining through the shaft",
         ),
     ),
 )  # fmt: skip

@@ -24,7 +24,7 @@ def thicken(s, c, p, x, h):
 
 
 def rate(p, c):
-    """What the thinnest oil adds to the rate [1/s] at which the line fills the cylinder."""
+    """Amount [1/s] that the thinnest oil adds to the rate at which the line fills the cylinder."""
     most = relative_viscosity(HOTTEST, c["oil_reference"]) ** -p["share"]
     return (most - 1.0) * c["hydraulics_conductance"] / c["hydraulics_capacity"]
 

@@ -1,11 +1,11 @@
 """Anti-alias filter before the converter.
 
-What            a low pass of second order on each analog channel: what is faster than half the sample rate is not folded
+What            a low pass of second order on each analog channel: frequencies above half the sample rate do not cause aliasing
 Equation        u_shown'' + sqrt(2) w u_shown' + w^2 u_shown = w^2 u,  w = 2 pi corner: Butterworth, -3 dB at the corner
                 exact for an input held over the integration step at its value of mid-step
 Assumptions     one corner for all four channels; the filter has settled when the effect is switched on
 Valid range     corner 20..5000 Hz; inserted 0 (bypassed) or 1 (in the line), between them a blend for a smooth change
-Not modelled    tolerance of the corner by channel; the noise of docs/rig.md, 9, is the converter's, behind the filter
+Not modelled    tolerance of the corner by channel; the noise of docs/rig.md, 9, is that of the converter, after the filter
 References      Butterworth 1930: On the theory of filter amplifiers, Experimental Wireless 7
 """
 

@@ -18,7 +18,7 @@ from plant_sim.effects.signals import ACQUISITION
 
 
 def restore(s, c, p, x, h):
-    """Add what has leaked."""
+    """Add the part that has leaked."""
     taken = min(max(s.clutch_torque_voltage, -c.sensors_input_range), c.sensors_input_range)
     s.clutch_torque_voltage = restore_voltage(taken, x.integral)
     x.integral = integrate_leak(x.integral, taken, -expm1(-p.decay_rate * h))

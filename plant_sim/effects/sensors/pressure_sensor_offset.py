@@ -1,6 +1,6 @@
 """Zero error of the pressure sensor.
 
-What            the sensor shows a pressure when there is none, and shows as much too much at any other
+What            the sensor shows a pressure when there is none, and has the same error at any other pressure
 Equation        p_shown = p + offset
 Assumptions     constant
 Valid range     offset -5..5 bar

@@ -1,6 +1,6 @@
 """Zero error of the speed sensor.
 
-What            a tachometer shows a speed when the shaft stands; an angle that is integrated from it drifts
+What            a tachometer shows a speed when the shaft is at rest; an angle that is integrated from it drifts
 Equation        omega_shown = omega + offset,  theta_shown = theta + integral of the offset since it is on
 Assumptions     constant; the drive's own regulator does not use this sensor
 Valid range     offset -5..5 rad/s

@@ -19,7 +19,7 @@ from plant_sim.effects.signals import SENSORS
 
 
 def fade(s, c, p, x, h):
-    """Show the load without what has leaked."""
+    """Show the load without the part that has leaked."""
     if h > 0.0 and x.origin == 0.0:  # 0 K, at which no sensor is: the effect was switched on in this step
         x.origin = s.temperature
     load = s.sensed_clutch_torque

@@ -1,10 +1,10 @@
 """Pressure that no effect of the catalogue explains, as a polynomial at the valve's demand.
 
-What            stands for what the discrepancy workflow finds missing but cannot name, so that the model can be used meanwhile
+What            replaces a missing effect that the discrepancy workflow cannot name, so that the model can be used meanwhile
 Equation        u += a_0 + a_1 P + a_2 P^2 + a_3 W + a_4 W^2 + a_5 T + a_6 D + a_7 P D + a_8 t + a_9 E        where u > 0
                 P = (u - 3.4 bar)/0.8 bar, W = |omega|/20 rad/s, T = (T - 70 degC)/10 K, t = time/24 s,
-                E: u/0.8 bar less the same behind a lag of 50 ms,
-                dD = du/0.1 bar, |D| <= 1: direction of the demand, kept while it stands (Maxwell-slip element)
+                E: u/0.8 bar minus the same after a lag of 50 ms,
+                dD = du/0.1 bar, |D| <= 1: direction of the demand, kept while it is constant (Maxwell-slip element)
 Assumptions     none: coefficients are fitted (clutch_hil/discrepancy/surrogate_term.py), not understood
 Valid range     that of the runs it was fitted to; |P|, W, |T| are held beyond 2, |E| beyond 6
 Not modelled    the physical cause; memory beyond 50 ms

@@ -5,8 +5,8 @@ Equation        stuck: w stays until |u - w| > S;  sliding: dw/dt = a (|u - w|/S
                 stuck again when |dw/dt| < b a;  u_out = w
                 S: break-away, kappa S: sliding friction, both as pressure; a: speed under a surplus of S, since the cause of
                 stiction is viscous as well; S/a: time constant of the slide
-Assumptions     massless spool; the same friction both ways; a band of speed about 0 counts as rest (Karnopp); when the effect
-                is switched on, the spool rests at the valve's present pressure
+Assumptions     massless spool; the same friction in both directions; a band of speed about 0 counts as rest (Karnopp); when
+                the effect is switched on, the spool rests at the valve's present pressure
 Valid range     S 0..2 bar, kappa 0..0.8, a 5..1000 bar/s, b 0..0.2. A ramp slower than b a gives a staircase, a faster one a
                 lag of kappa S. With kappa = 1 nothing would jump: that is a play operator, as in valve_hysteresis
 Not modelled    silting that grows with the time at rest, dither

@@ -2,7 +2,7 @@
 
 What            a spool with overlap, for which the amplifier does not compensate, loses the first V_0 of the voltage
 Equation        u = k_v (V - V_0) for V > V_0, 0 for |V| <= V_0, k_v (V + V_0) for V < -V_0              (dead zone)
-Assumptions     the same overlap both ways; the slope beyond it is unchanged
+Assumptions     the same overlap in both directions; the slope beyond it is unchanged
 Valid range     V_0 0..1 V
 Not modelled    leakage through the overlap, which rounds the corner; an amplifier that compensates too much
 References      Merritt 1967, Hydraulic Control Systems, chapter 5 (closed-centre valves); Jelali & Kroll 2003, Hydraulic

@@ -1,4 +1,4 @@
-"""Hysteresis of the valve's solenoid: its pressure lies lower on the way up than on the way down.
+"""Hysteresis of the valve's solenoid: its pressure is lower while rising than while falling.
 
 What            magnetic hysteresis and dry friction of the armature make the pressure lag the command by up to half a loop
 Equation        w_i = min(max(w_i, u - r_i), u + r_i);  u_out = u - (1/s) mean of (u - w_1)..(u - w_4);
@@ -20,7 +20,7 @@ PLAYS = 4  # enough that a minor loop looks smooth in 5 mbar of noise
 
 
 def lag(s, c, p, x, h):
-    """Replace the demand by the mean of the plays that follow it."""
+    """Replace the demand by the mean of the play operators."""
     demand, behind = s.demand, 0.0
     for i in range(PLAYS):
         radius = p.spread * p.width * (2 * i + 1) / (2 * PLAYS)

@@ -111,7 +111,7 @@ def test_it_is_shown_again_and_its_picture_kept(new: Effect, tmp_path: Path) -> 
     picture.write_bytes(b"kept")
     again = run_command(*words)
     assert again.exit_code == 0
-    assert f"wrote:   nothing; {picture} exists already, --overwrite draws it anew\n" in again.stdout
+    assert f"wrote:   nothing; {picture} exists already, --overwrite replaces it\n" in again.stdout
     assert picture.read_bytes() == b"kept"
     run_command(*words, "--overwrite")
     assert picture.read_bytes() != b"kept"
@@ -167,8 +167,8 @@ def test_the_command_writes_only_effects_of_this_package(new: Effect, tmp_path: 
         ("page", "", b"", "has the suffix -; a Markdown page ends with .md"),
         ("page", ".png", b"\x89PNG", "has the suffix .png; a Markdown page ends with .md"),
         ("none", MARKDOWN, None, "does not exist"),
-        ("binary", MARKDOWN, b"\xff\xfe\x00", "cannot be read: it is no text in UTF-8"),
-        ("empty", MARKDOWN, b"", "it has no parts to write"),
+        ("binary", MARKDOWN, b"\xff\xfe\x00", "cannot be read: it is not UTF-8 text"),
+        ("empty", MARKDOWN, b"", "the page has no parts to write"),
         ("part", MARKDOWN, b"<!-- begin effect -->\n<!-- end -->", "part 'effect' is unknown; did you mean effects"),
     ],
 )
@@ -218,12 +218,12 @@ WRONG = {
         'over="angle_rad"',
         "over 'angle_rad' of its display is unknown; did you mean shaft_angle_rad",
     ),
-    "over=": ("beside='backlsh', over=", "is shown beside 'backlsh', which is unknown; did you mean backlash"),
+    "over=": ("beside='backlsh', over=", "is shown together with 'backlsh', which is unknown; did you mean backlash"),
     'display=Display("crawl", ': ("display=dict(", "display is {.*}; a Display.* is needed"),
     'StrongestOrder("clutch_torque_nm")': ('"order"', "start is 'order'; a Start .* is needed"),
     '"phase", "rad"': (
         '"angle", "rad"',
-        "start sets 'phase', which is no parameter; known are ",
+        "start sets 'phase', which is not a parameter; known are ",
     ),
 }
 

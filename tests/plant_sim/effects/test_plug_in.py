@@ -94,7 +94,7 @@ BROKEN = {
     ),
     "section": (EXAMPLE.replace("Assumptions", "Assumed    "), "effect section: its file's docstring lacks 'Assumptions'"),
     "unit": (EXAMPLE.replace('"bar"', '"barr"'), "effect unit, parameter amplitude: unit 'barr' is unknown"),
-    "Pump-Puls": (EXAMPLE, r"effect file \S+: 'Pump-Puls' is no name for an effect"),
+    "Pump-Puls": (EXAMPLE, r"effect file \S+: 'Pump-Puls' is not a valid name of an effect"),
     "rival": (EXAMPLE.replace("candidate=False", "excludes=('backlsh',)"), "excludes 'backlsh', .* did you mean backlash"),
     "bounds": (EXAMPLE.replace("typical=1.0", "typical=9.0"), r"bounds\.amplitude = 9 bar breaks 0 <= value <= 5"),
     "off": (EXAMPLE.replace("typical=1.0", "typical=0.0"), "effect off: amplitude is off at its typical value 0 bar"),
@@ -104,7 +104,7 @@ BROKEN = {
     "state": (EXAMPLE.replace('"phase", "rad"', '"phase", "radd"'), "effect state, state phase: unit 'radd' is unknown"),
     "size": (EXAMPLE.replace('"phase", "rad"', '"phase", "rad", 0'), "state phase has the size 0; allowed are 1 to 100000"),
     "sizes": (EXAMPLE.replace('"phase", "rad"', '"phase", "rad", 10**12'), "state phase has the size 1000000000000; allowed"),
-    "dotted": (EXAMPLE.replace('"amplitude"', '"ampli.tude"'), "'ampli.tude' is no name for one of its parameters"),
+    "dotted": (EXAMPLE.replace('"amplitude"', '"ampli.tude"'), "'ampli.tude' is not a valid name for its parameters"),
     "rank": (EXAMPLE.replace("candidate=False", "rank='x'"), "effect rank: rank is 'x'; a whole number is needed"),
     "rate": (EXAMPLE.replace("candidate=False", "rate=5"), r"effect rate: rate is 5; a function rate\(p, c\) is needed"),
     "hook": (EXAMPLE.replace("{COMMAND: shake}", "{99: shake}"), "laws must be a table of one or more hooks"),
@@ -150,11 +150,11 @@ SINE = "s.demand += p.amplitude * sin(x.phase)"
     ("after", "reason"),
     [
         ("raise ValueError('too\\nmuch')", "raises ValueError: too much; no exception is allowed there"),
-        ("s.demand += p.amplitude * (0.0 * s.slip / 0.0)", "makes s.demand nan at typical values; finite values are"),
-        ("x.phase = 1.0 / (p.amplitude - 1e5)", "makes x.phase inf at typical values; finite values are allowed"),
-        ("s.torque += p.amplitude * sin(x.phase)", "changes s.torque; allowed there are s.demand, s.supply_pressure"),
-        ("c.piston_area *= 1.1", "changes c.piston_area; allowed there are s.demand, s.supply_pressure"),
-        ("p.amplitude *= 1.1", "changes p.amplitude; allowed there are s.demand, s.supply_pressure"),
+        ("s.demand += p.amplitude * (0.0 * s.slip / 0.0)", "makes s.demand nan at typical values; the values must"),
+        ("x.phase = 1.0 / (p.amplitude - 1e5)", "makes x.phase inf at typical values; the values must be finite"),
+        ("s.torque += p.amplitude * sin(x.phase)", "changes s.torque; it may change only s.demand, s.supply_pressure"),
+        ("c.piston_area *= 1.1", "changes c.piston_area; it may change only s.demand, s.supply_pressure"),
+        ("p.amplitude *= 1.1", "changes p.amplitude; it may change only s.demand, s.supply_pressure"),
     ],
 )
 def test_a_law_that_is_wrong_where_it_is_called_is_told(after: str, reason: str, folder: Path, tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_a_law_of_the_rig_may_not_change_its_sensors(folder: Path) -> None:
     text = EXAMPLE.replace("COMMAND", "RIG").replace(SINE, "c.sensors_pressure_bits += 1.0")
     (folder / "wrong.py").write_text(text, encoding="utf-8")
     with pytest.raises(
-        InputError, match=r"at RIG changes c.sensors_pressure_bits; allowed there are fields of c, but for"
+        InputError, match=r"at RIG changes c.sensors_pressure_bits; it may change only fields of c, except"
     ):
         wet_clutch.Rig(wet_clutch.load_nominal(), also=("wrong",))
 
