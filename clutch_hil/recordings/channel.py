@@ -146,7 +146,7 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
             ", ".join(texts) for texts in zip(*((repr(c.path), str(c.number)) for c in chosen), strict=True)
         )
         raise InputError(
-            f"recording {file} has {len(chosen)} columns {wanted!r}; ask for one by `from`: {paths}, or by `number`: {numbers}"
+            f"recording {file} has {len(chosen)} columns {wanted!r}; select one by `from`: {paths}, or by `number`: {numbers}"
         )
     if not chosen:
         known = dict.fromkeys(name for channel in channels for name in (channel.name, channel.path))

@@ -184,7 +184,7 @@ def _read_blf(path: Path) -> BusLog:
 def _read_mf4(path: Path, head: bytes) -> BusLog:
     collector = FrameCollector(path, "MF4", lambda name: str(name) if isinstance(name, int) else "-")
     there = check_blocks(path).cut_text()
-    cut = f"the log is cut or damaged at its end: {there} are there" if there else ""
+    cut = f"the log is cut or damaged at its end: it has {there}" if there else ""
     if head.startswith(b"UnFin"):
         cut = "the log is an unfinished MF4: its logger was stopped before the end"
     return _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])

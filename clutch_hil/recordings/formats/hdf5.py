@@ -102,7 +102,7 @@ class Hdf5Recording:
         """See Recording.read."""
         clocks = {place.time: c.rows for c in channels if (place := self._places[c.number - 1]).time is not None}
         rows = sum(c.rows for c in channels) + sum(clocks.values())
-        check_rows(f"{self._file.name}: the {len(channels)} columns asked for have together", rows, 1)
+        check_rows(f"{self._file.name}: the {len(channels)} requested columns have together", rows, 1)
         times: dict[_Place, np.ndarray] = {}
         signals = []
         with self._file:

@@ -108,7 +108,7 @@ class MatlabRecording:
         columns = [self._columns[channel.number - 1] for channel in channels]
         axes = {column.time.path: column.time for column in columns if column.time is not None}
         check_rows(
-            f"{self._file.name}: the {len(columns)} columns asked for have together",
+            f"{self._file.name}: the {len(columns)} requested columns have together",
             sum(c.rows for c in columns) + sum(a.rows for a in axes.values()),
             1,
         )

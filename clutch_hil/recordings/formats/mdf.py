@@ -97,7 +97,7 @@ class MdfRecording:
         axes = [group.master for group, _ in places if group.master in self._seconds]
         wanted = dict.fromkeys([one for _, one in places] + [axis for axis in axes if axis])
         check_rows(
-            f"recording {self._path}: the channels asked for have", max(group.rows for group, _ in places), len(wanted)
+            f"recording {self._path}: the requested channels have", max(group.rows for group, _ in places), len(wanted)
         )
         values = self._file.read(wanted)
         for axis, seconds in self._seconds.items():

@@ -90,7 +90,7 @@ class TdmsRecording:
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         sources = [self._sources[channel.number] for channel in channels]
         rows = max(raster.rows for raster, _ in sources)
-        check_rows(f"recording {self._path}: the channels asked for have", rows, 2 * len(channels))
+        check_rows(f"recording {self._path}: the requested channels have", rows, 2 * len(channels))
         times = {id(raster): self._make_times(raster) for raster, _ in sources}
         return [
             Signal(channel, self._read_values(channel, raster, source), times[id(raster)])

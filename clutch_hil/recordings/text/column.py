@@ -99,7 +99,7 @@ class ColumnReader:
                 and any(c.isdigit() for c in word)
             ):
                 return f"set decimal or thousands in [file] where {mark!r} is a mark in numbers"
-        return "correct it, or set missing in [file] where it stands for no value"
+        return "correct it, or set missing in [file] if it marks a missing value"
 
     def list_notes(self, rows: int) -> list[str]:
         """Notes after the last cells. Raises InputError where a mark in them can be one between thousands."""

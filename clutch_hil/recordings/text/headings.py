@@ -299,7 +299,7 @@ def _check_widths(path: Path, above: Sequence[Line], width: int, delimiter: str)
     if len(row) != width and 2 * count >= width and count > 1:
         raise InputError(
             f"recording {path}: line {above[-1].number} has {count} names, rows have {width} cells: set delimiter or decimal"
-            " in [file], or header = false, and ask for columns by number"
+            " in [file], or header = false, and select columns by number"
         )
 
 

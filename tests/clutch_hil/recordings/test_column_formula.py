@@ -110,7 +110,7 @@ def test_rows_outside_of_the_part_to_keep_may_have_no_value(tmp_path: Path) -> N
         ('x_1 = { formula = "shift(motor_torque_nm, time_s)" }', "shift is by a column; allowed is less than the run's"),
         ('x_1 = { formula = "running_sum(3) * time_s" }', "running_sum has as its argument the number 3; a column is needed"),
         ('x_1 = { formula = "derivative(3) + time_s" }', "derivative has as its argument the number 3; a column is needed"),
-        ('x_1 = { formula = "derivative(1 / time_s)" }', "derivative in the formula of x_1 is applied to a value that is not a number in row"),
+        ('x_1 = { formula = "derivative(1 / time_s)" }', "is applied to a value that is not a number in row"),
         ('x_1 = { formula = "time_s.real" }', "'time_s.real' is not allowed in it"),
         ('x_1 = { formula = "time_s if True else 1" }', "is not allowed in it"),
         ('x_1 = { formula = "__import__(time_s)" }', "function '__import__' is unknown"),

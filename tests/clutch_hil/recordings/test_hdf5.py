@@ -89,7 +89,7 @@ def test_datasets_become_channels(tmp_path: Path) -> None:
     np.testing.assert_allclose(torque.time, T, rtol=1e-12)
     for path, wanted in (("fast/pair[:,1]", Q), ("time", T), ("slow/table/n", [2, 4]), ("on", T > 0.3)):
         np.testing.assert_allclose(read_values(recording, path), wanted, rtol=1e-12)
-    with pytest.raises(InputError, match="has 2 columns 'torque'; ask for one by `from`: 'fast/torque', 'slow/torque'"):
+    with pytest.raises(InputError, match="has 2 columns 'torque'; select one by `from`: 'fast/torque', 'slow/torque'"):
         read_values(recording, "torque")
 
 
@@ -172,7 +172,7 @@ def read_all(file: Path) -> None:
 @pytest.mark.parametrize(
     ("fill", "message"),
     [
-        (write_huge, r"the 1 columns asked for have together 1.1e\+12 rows; allowed are 5e\+07"),
+        (write_huge, r"the 1 requested columns have together 1.1e\+12 rows; allowed are 5e\+07"),
         (write_chunk, "rows"),
         (write_outside, "x keeps its numbers in another file"),
         (lambda file: None, "has no columns of numbers"),

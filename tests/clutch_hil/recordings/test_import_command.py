@@ -75,10 +75,10 @@ def test_a_file_that_exists_is_kept(folder: Path) -> None:
     [
         (("one.csv", "two.csv", "--out", "runs.parquet"), "--out is runs.parquet, and 2 recordings are given"),
         (("one.csv", "two.csv", "--out", "none"), "--out is none, which is a file"),
-        (("one.csv", "one.csv", "--out", "runs"), "one.csv is given twice"),
+        (("one.csv", "one.csv", "--out", "runs"), "one.csv was given twice"),
         (("one.csv", "sub/one.csv", "--out", "runs"), "one.csv and sub/one.csv would both be written to runs/one.parquet"),
-        (("one.csv", "two.csv", "--draft"), "--draft is given with 2 recordings; allowed is one"),
-        (("one.csv", "two.csv", "--list"), "--list is given with 2 recordings; allowed is one"),
+        (("one.csv", "two.csv", "--draft"), "--draft was given with 2 recordings; it allows only one"),
+        (("one.csv", "two.csv", "--list"), "--list was given with 2 recordings; it allows only one"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_refused_before_anything_is_written(

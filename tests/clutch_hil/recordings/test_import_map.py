@@ -304,10 +304,10 @@ def test_our_maps_are_found_by_name(name: str) -> None:
     ("words", "sentence"),
     [
         (("--map", "{folder}", "--out", "a.parquet"), "import map {folder} is a folder; a TOML file is needed"),
-        (("--map", "emps"), "--out is missing; it names the run file to write"),
+        (("--map", "emps"), "--out is missing; it is the run file to write"),
         (
             ("--out", "a.parquet"),
-            "--map is missing; `clutch-hil import --draft {recording}` writes a map to begin with",
+            "--map is missing; `clutch-hil import --draft {recording}` writes a draft of one",
         ),
     ],
 )

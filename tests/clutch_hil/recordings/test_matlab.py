@@ -98,7 +98,7 @@ def test_structures_have_dotted_paths_and_short_names(tmp_path: Path) -> None:
     assert recording.numbers == {"run.left.k": 2.0}
     np.testing.assert_array_equal(read_values(recording, "t"), T)
     np.testing.assert_array_equal(read_values(recording, "run.right.f"), Q)
-    with pytest.raises(InputError, match=r"has 2 columns 'f'; ask for one by `from`: 'run.left.f', 'run.right.f'"):
+    with pytest.raises(InputError, match=r"has 2 columns 'f'; select one by `from`: 'run.left.f', 'run.right.f'"):
         read_values(recording, "f")
 
 

@@ -95,7 +95,7 @@ def test_a_name_twice_matters_only_where_it_is_asked_for(tmp_path: Path) -> None
     path = write(tmp_path / "a.mf4", make_plain_signals(), *twice)
     assert len(import_by(tmp_path, path, MAP)["time_s"]) == ROWS
     ambiguous = MAP.replace('from = "pos"', 'from = "status"')
-    assert "has 2 columns 'status'; ask for one by `from`: 'group 2/status', 'group 3/status'" in find_refusal(
+    assert "has 2 columns 'status'; select one by `from`: 'group 2/status', 'group 3/status'" in find_refusal(
         tmp_path, path, ambiguous
     )
     run = import_by(tmp_path, path, MAP.replace('from = "pos"', 'from = "group 3/status"'))

@@ -289,7 +289,7 @@ def test_flags_are_a_status_and_text_is_told(tmp_path: Path) -> None:
 def test_a_name_in_two_groups_has_two_paths(tmp_path: Path) -> None:
     path = write(tmp_path / "a.tdms", [ChannelObject("a", "x", TIME), ChannelObject("b", "x", 2 * TIME)])
     np.testing.assert_array_equal(read(path, "b/x")[0], 2 * TIME)
-    with pytest.raises(InputError, match="has 2 columns 'x'; ask for one by `from`: 'a/x', 'b/x'"):
+    with pytest.raises(InputError, match="has 2 columns 'x'; select one by `from`: 'a/x', 'b/x'"):
         read(path, "x")
 
 

@@ -134,7 +134,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
          "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
         (damage_line(11, '0.0900,"1,5",27.25'), "", "in line 11, which is no number; set decimal or thousands in [file]"),
         (make_table() + make_table(), "", "does not increase in row 60: 0 s after 0.59 s"),
-        (make_table(header="time,torque,torque"), "", "has 2 columns 'torque'; ask for one by `from`: 'torque (column 2)'"),
+        (make_table(header="time,torque,torque"), "", "has 2 columns 'torque'; select one by `from`: 'torque (column 2)'"),
         (make_table(",", write=write_with_comma), "", "line 1 has 3 names, rows have 6 cells: set delimiter or decimal"),
         (make_table(header="time,torque"), "", "line 1 has 2 names, rows have 3 cells"),
         (
@@ -165,7 +165,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
         (make_table(), "skip_lines = -1", "file.skip_lines is -1; allowed is 0 or more"),
         (make_table(), "units_row = 7", "units_row is 7, which is not a line of 3 cells above the rows; such lines are 1"),
         (make_table(times=ISO), 'time_format = "%Q"', "file.time_format is '%Q'; %Q is unknown"),
-        (make_table(times=ISO), 'time_format = "%d %H"', "allowed is one of each of %Y %m %d, or none of them"),
+        (make_table(times=ISO), 'time_format = "%d %H"', "allowed is one of each of %Y %m %d, or none"),
         (make_table(times=ISO), 'time_format = "%d.%m.%Y"', "time_format '%d.%m.%Y' fits no column; the first row is"),
         (make_table(), "raster = 1", "entry file.raster is unknown"),
         ("time,torque,speed\n", "", "has no rows of numbers; line 1 is 'time,torque,speed'"),
