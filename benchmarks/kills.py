@@ -372,7 +372,7 @@ class _Trial:
 
     def _read_last_line(self, name: str) -> str:
         lines = (self._logs / f"{name}.log").read_text(errors="replace").strip().splitlines()
-        return lines[-1] if lines else "it said nothing"
+        return lines[-1] if lines else "no message"
 
 
 def _read_run_end(path: Path) -> tuple[float, float, int]:

@@ -49,8 +49,8 @@ def _check_parts() -> None:
         place = Path(spec.origin).resolve() if spec and spec.origin else None
         if place != home / name / "__init__.py":
             raise ImportError(
-                f"clutch_hil needs the package {name} beside it in {home}; Python finds {place or 'none'}: rename that, if it"
-                " is beside your script, or take its folder out of PYTHONPATH"
+                f"clutch_hil needs the package {name} next to it in {home}; Python finds {place or 'none'}: rename that, if it"
+                " is next to your script, or remove its folder from PYTHONPATH"
             )
 
 

@@ -211,7 +211,7 @@ class _OneSentence:
     def make_context(self, info_name: str | None, args: list[str], *positional: Any, **extra: Any) -> Any:
         """See typer: read the options of this command."""
         if bad := _find_empty_word((info_name or "clutch-hil", *args)):
-            raise InputError(f"{bad} is empty; a value is needed, or leave it away")
+            raise InputError(f"{bad} is empty; give a value, or leave it out")
         with _usage_errors_as_sentences():
             return super().make_context(info_name, args, *positional, **extra)  # type: ignore[misc]
 

@@ -13,4 +13,4 @@ def register(app: typer.Typer) -> None:
 def benchmark(arguments: list[str] | None = typer.Argument(None)) -> None:
     """Say what the command is now."""
     words = " ".join(["python -m benchmarks", *(arguments or [])])
-    raise InputError(f"benchmarks are played in a checkout of the project, no longer by clutch-hil: {words}")
+    raise InputError(f"clutch-hil has no benchmarks any more; run them in a clone of the project: {words}")

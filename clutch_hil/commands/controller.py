@@ -26,24 +26,25 @@ def register(app: typer.Typer) -> None:
 def controller(
     bus: str = BUS,
     rate: int = typer.Option(1000, help="control rate, in Hz"),
-    lockstep: bool = typer.Option(False, help="step when a sample comes instead of by the clock"),
+    lockstep: bool = typer.Option(False, help="run a cycle for each sample instead of by the clock"),
     parameters: Path | None = PARAMETERS,
     law: str = CONTROLLER_LAW,
     adaptation: bool = CONTROLLER_ADAPTATION,
-    clutch: str | None = typer.Option(None, help="a or b, where two clutches are on the bus"),
-    ring: Path | None = typer.Option(None, help="shared-memory file for the record of every cycle"),
+    clutch: str | None = typer.Option(None, help="a or b, if two clutches are on the bus"),
+    ring: Path | None = typer.Option(None, help="shared-memory file with the record of every cycle"),
     summary: Path | None = SUMMARY,
     overwrite: bool = OVERWRITE,
     telemetry: bool = SERVICE_TELEMETRY,
     router: str | None = PUBLISH_ROUTER,
     cpu: int | None = CPU,
     trigger: str = typer.Option(
-        "clock", help="what begins a cycle: clock, bus (the sample itself), or pll (a clock that follows the samples)"
+        "clock",
+        help="what starts a cycle: clock, bus (the arrival of a sample), or pll (a clock synchronised to the samples)",
     ),
-    overrun: str = typer.Option("skip", help="what to do about slots that were missed: skip, catch-up or fault"),
+    overrun: str = typer.Option("skip", help="what to do about missed cycles: skip, catch-up or fault"),
     spin_us: float = typer.Option(
         0.0,
-        help="longest spin before a slot, in us; it is no longer than recent sleeps were late, and a tenth of the period",
+        help="longest busy wait before a cycle, in us; at most the recent lateness of sleeps, and a tenth of the period",
     ),
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:

@@ -15,7 +15,9 @@ def register(app: typer.Typer) -> None:
 
 def demand(
     torque: float | None = typer.Argument(None, help="torque to hold [Nm]"),
-    speed: float | None = typer.Option(None, help=f"speed of the motor, either way, in rad/s; {SPEED:g} if not given"),
+    speed: float | None = typer.Option(
+        None, help=f"speed of the motor, positive or negative, in rad/s; {SPEED:g} if not given"
+    ),
     seconds: float | None = typer.Option(None, help="how long; until Ctrl-C, or to the profile's end, if not given"),
     pressure: float | None = typer.Option(None, help="cylinder pressure to hold instead of a torque, in bar"),
     lock: bool = typer.Option(False, "--lock", help="lock the clutch instead: it carries whatever torque is applied"),
@@ -33,8 +35,8 @@ def demand(
 
     given = [str(value) for value in (torque, pressure, profile) if value is not None] + ["--lock"] * lock
     if len(given) != 1:
-        words = " and ".join(given) or "none of them"
-        raise InputError(f"demand needs one of TORQUE, --pressure, --lock and --profile; given are {words}")
+        words = " and ".join(given) or "none"
+        raise InputError(f"demand needs one of TORQUE, --pressure, --lock and --profile; given: {words}")
     at_speed = SPEED if speed is None else speed
     if torque is not None:
         wanted = make_torque_profile(torque, at_speed, seconds, TORQUE_RAMP if ramp is None else ramp)
@@ -42,10 +44,10 @@ def demand(
         wanted = make_pressure_profile(pressure, at_speed, seconds, PRESSURE_RAMP if ramp is None else ramp)
     elif lock:
         if ramp is not None:
-            raise InputError(f"demand was given --lock and --ramp {ramp:g}; a ramp is for a TORQUE or a --pressure")
+            raise InputError(f"--lock and --ramp {ramp:g} cannot be combined; a ramp needs a TORQUE or a --pressure")
         wanted = lock_profile(at_speed, seconds)
     elif speed is not None or ramp is not None:
-        raise InputError(f"demand was given --profile {profile} and --speed or --ramp; they are not for a profile")
+        raise InputError(f"--profile {profile} cannot be combined with --speed or --ramp; the profile sets both")
     else:
         wanted = load_profile(str(profile), seconds)
     report(*Demand(bus, wanted, router).run(quiet=json_output), json_output)

@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
 def discrepancy(
     runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs: .parquet, .mf4, .csv, .mat"),
     holdout: list[Path] = typer.Option(
-        [], "--holdout", metavar="RUN...", help="runs that are not fitted, on which the result is judged"
+        [], "--holdout", metavar="RUN...", help="runs that are not fitted but used to check the result"
     ),
     rig: str = typer.Option(
         "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder, one of yours, or PATH.py:CLASS"
@@ -36,10 +36,15 @@ def discrepancy(
         help="calibration.toml of `clutch-hil identify`: the model to begin from, and its uncertainties",
     ),
     refit_within: float | None = typer.Option(
-        None, help="how far the baseline may be re-fitted, in stated uncertainties; the rig's own if not given"
+        None,
+        help="how far the baseline may be re-fitted, in multiples of its stated uncertainties; the rig's default if not given",
     ),
-    effects: str = typer.Option("", metavar="A,B,...", help="candidates; all of the rig's if not given"),
-    force: bool = typer.Option(False, "--force", help="go on in spite of hard checks, with a note in the report"),
+    effects: str = typer.Option(
+        "", metavar="A,B,...", help="candidate effects, separated by commas; all of the rig if not given"
+    ),
+    force: bool = typer.Option(
+        False, "--force", help="continue although hard checks failed, with a note in the report"
+    ),
     out: Path = typer.Option(
         ..., help="folder for report.html, report.json, model.toml, atlas.png, gap.png, evidence.rrd"
     ),
@@ -58,7 +63,7 @@ def discrepancy(
     model, refit_within = _begin(model, calibration, refit_within)
     names = [name.strip() for name in effects.split(",") if name.strip()]
     if effects and not names:
-        raise InputError(f"--effects is {effects!r}; allowed are names with commas between, or leave it away")
+        raise InputError(f"--effects is {effects!r}; allowed are names separated by commas, or leave it out")
     check_new_files(out, FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
     with writable_folder(out), progress_bar("discrepancy", json_output) as progress:
         outcome = find_discrepancy(
@@ -80,11 +85,9 @@ def _begin(model: Path | None, calibration: str | None, within: float | None) ->
     except ValueError:
         number = None
     if number is not None:
-        raise InputError(
-            f"--calibration takes a file; --refit-within {calibration} is how far the baseline may be re-fitted"
-        )
+        raise InputError(f"--calibration needs a file; the limit of the re-fit is set by --refit-within {calibration}")
     if model:
-        raise InputError("--calibration and --model are both given; a search begins from one of them")
+        raise InputError("--calibration and --model were both given; only one of them is allowed")
     return Path(calibration), 3.0 if within is None else within  # 95 % intervals are +-1.96 of their uncertainties
 
 
@@ -99,7 +102,11 @@ def _format_result(result: "Result") -> str:
         for c in result.where
     ]
     acts = result.verdict in (NAMED, ONE_OF)
-    where = ["what it acts on:" if acts else "where they disagree:", *rows] if rows else ["they disagree nowhere"]
+    where = (
+        ["where it has an effect:" if acts else "where model and measurement disagree:", *rows]
+        if rows
+        else ["model and measurement disagree nowhere"]
+    )
     fitted = [
         f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
     ]

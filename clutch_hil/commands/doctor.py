@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor(
-    cpu: int | None = typer.Option(None, help="CPU on which the loop is to run"),
+    cpu: int | None = typer.Option(None, help="CPU for the loop"),
     json_output: bool = JSON,
 ) -> None:
     """List what a bench needs of this machine: rights, clocks, buses, network, units; and the command for what is missing."""
@@ -26,19 +26,19 @@ def doctor(
     wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else check_cpu(cpu))
     measures = [(m, is_possible(m, wanted)) for m in MEASURES]
     machine_facts = list_facts()
-    lines = ["of the process: what each service takes for itself", ""]
+    lines = ["process: what each service sets for itself", ""]
     lines += [f"  {_MARKS[there]:<4} {m.name:<30} {m.why}" for m, there in measures]
-    lines += ["", "of the machine", ""]
+    lines += ["", "machine", ""]
     lines += [f"  {_MARKS[fact.good]:<4} {fact.name:<30} {fact.state}" for fact in machine_facts]
     remedies = [(m.name, m.remedy) for m, there in measures if not there]
     remedies += [(fact.name, fact.remedy) for fact in machine_facts if fact.good is False]
     if remedies:
-        lines += ["", "to turn on what is off:", ""]
+        lines += ["", "to turn on what is missing:", ""]
         lines += [f"  {name}\n      {remedy}" for name, remedy in remedies]
     off = [m.name for m, there in measures if not there]
-    text = f"the loop lacks: {', '.join(off)}" if off else "the loop has every right it asks for"
+    text = f"the loop lacks: {', '.join(off)}" if off else "the loop has every permission that it needs"
     count = sum(fact.good is False for fact in machine_facts)
-    text += f"; of the machine, {count} of {len(machine_facts)} could be better" if count else ""
+    text += f"; {count} of {len(machine_facts)} settings of the machine could be better" if count else ""
     exposed = [fact.state for fact in machine_facts if fact.name == NETWORK and fact.good is False]
     text += "".join(f"; the network is open: {state}" for state in exposed)
     document = {

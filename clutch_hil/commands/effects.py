@@ -25,9 +25,7 @@ def register(app: typer.Typer) -> None:
 def effects(
     name: str | None = typer.Argument(None, help="an effect; all of them are listed if not given"),
     out: Path = typer.Option(Path("runs"), help="folder for the picture of NAME"),
-    write: Path | None = typer.Option(
-        None, help="Markdown page whose tables of effects, and picture, are written anew"
-    ),
+    write: Path | None = typer.Option(None, help="Markdown page whose tables of effects and picture are updated"),
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
@@ -40,7 +38,7 @@ def effects(
 
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
     if name and write:
-        raise InputError(f"effect {name} and --write {write} were given; allowed is one of them")
+        raise InputError(f"effect {name} and --write {write} were both given; only one of them is allowed")
     if name:
         _describe(catalogue.find_effect(name), out, overwrite, columns, json_output)
     elif write:
@@ -80,9 +78,9 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
     visible = demonstration.times_resolution >= 1.0
     verdict = (
         f"at typical values the {demonstration.what} changes by up to {demonstration.largest:.3g} {demonstration.unit},"
-        f" {demonstration.times_resolution:.3g} times what the measurement resolves"
+        f" {demonstration.times_resolution:.3g} times the resolution of the measurement"
         if visible
-        else "at typical values nothing changes that the measurement resolves"
+        else "at typical values no change exceeds the resolution of the measurement"
     )
     described = make_document(effect) | {
         "shown": {
@@ -95,7 +93,7 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
         "picture": str(picture),
         "verdict": verdict,
     }
-    wrote = f"nothing; {picture} exists already, --overwrite draws it anew" if kept else str(picture)
+    wrote = f"nothing; {picture} exists already, --overwrite replaces it" if kept else str(picture)
     text = f"{format_sheet(effect, demonstration, columns)}\n\nread:    {effect.path}\nwrote:   {wrote}"
     report(described, text, verdict, visible, json_output)
 

@@ -29,13 +29,15 @@ if TYPE_CHECKING:
 NAMES = typer.Argument(
     None,
     metavar="[EXPERIMENT]...",
-    help="a profile, or PROFILE-TEMPERATURE, as crawl-45; --list has them; or identify: the set for `clutch-hil identify`",
+    help="a profile, or PROFILE-TEMPERATURE such as crawl-45 (see --list); or identify: the set for `clutch-hil identify`",
 )
-HOLDOUT = typer.Option([], metavar="EXPERIMENT", help="experiment that is held out; may be given more than once")
-FOR = typer.Option(None, "--for", help="report.json: play the experiment that it proposes, and search again")
+HOLDOUT = typer.Option([], metavar="EXPERIMENT", help="experiment to hold out; may be given more than once")
+FOR = typer.Option(None, "--for", help="report.json: play the experiment that it proposes, and run the search again")
 MODEL = typer.Option(None, "--plant-parameters", help="TOML file that changes the plant under test")
 DRAW = typer.Option(
-    None, help="the plant under test has an effect that this seed draws from the catalogue; implies --blind", min=0
+    None,
+    help="the plant under test has an effect drawn at random from the catalogue with this seed; implies --blind",
+    min=0,
 )
 
 
@@ -50,28 +52,30 @@ def experiment(
     for_report: Path | None = FOR,
     standard: bool = typer.Option(False, "--standard", help="the standard set: five experiments and two to hold out"),
     everything: bool = typer.Option(
-        False, "--all", help="of identify: play every course, also where the goals are reached"
+        False, "--all", help="for identify: play every course, even if the goals are reached earlier"
     ),
     design: bool = typer.Option(
-        False, "--design", help="of identify: after the first course always the shortest next one for what is known"
+        False,
+        "--design",
+        help="for identify: after the first course, always design the shortest next one from what is known",
     ),
     list_all: bool = typer.Option(False, "--list", help="list the experiments"),
     bus: str = BUS,
     running: bool = typer.Option(
-        False, "--running", help="play on the bench that already runs on the bus, started with --profile manual"
+        False, "--running", help="play on the bench that already runs on the bus (started with --profile manual)"
     ),
     lockstep: bool = LOCKSTEP,
-    rate: int | None = typer.Option(None, help="rate of samples and commands, in Hz; the experiment's if not given"),
+    rate: int | None = typer.Option(
+        None, help="rate of samples and commands, in Hz; that of the experiment if not given"
+    ),
     scenario: str | None = typer.Option(None, help="scenario whose plant, effects and injections are under test"),
     plant_parameters: Path | None = MODEL,
     controller_parameters: Path | None = CONTROLLER_PARAMETERS,
     draw: int | None = DRAW,
     seed: int = typer.Option(
-        1, help="seed of the sensor noise of the first run; each further run has the next number", min=0
+        1, help="seed of the sensor noise of the first run; each further run uses the next number", min=0
     ),
-    blind: bool = typer.Option(
-        False, "--blind", help="keep the truth out of the run files, in sealed files beside them"
-    ),
+    blind: bool = typer.Option(False, "--blind", help="keep the truth out of the run files, in separate sealed files"),
     out: Path = OUT,
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
@@ -84,7 +88,7 @@ def experiment(
 
     if list_all:
         if given := [*(names or ()), *(["--standard"] if standard else []), *(["--for"] if for_report else [])]:
-            raise InputError(f"--list was given and {given[0]}; allowed is one of them")
+            raise InputError(f"--list and {given[0]} were both given; only one of them is allowed")
         rows = [(e.name, f"{e.seconds:.1f} s", e.title) for e in LIBRARY]
         text = format_table([("experiment", "length", "what"), *rows])
         report(
@@ -98,16 +102,16 @@ def experiment(
     if sum(map(bool, (names, for_report, standard))) != 1:
         raise InputError("experiment needs one of EXPERIMENT, --standard and --for; --list names the experiments")
     if holdout and not names:
-        raise InputError(f"--holdout {holdout[0]} goes with experiments that are named; leave it away")
+        raise InputError(f"--holdout {holdout[0]} needs experiments given by name; leave it out")
     if rate is not None:
         check_rate(rate)
     if names and len(names) > 1 and _IDENTIFY in names:
-        raise InputError(f"experiment {_IDENTIFY} is a whole set, and is played alone; leave the others away")
+        raise InputError(f"experiment {_IDENTIFY} is a whole set and is played alone; leave the others out")
     if names == [_IDENTIFY]:
         if holdout:
-            raise InputError("experiment identify holds nothing out; leave --holdout away")
+            raise InputError("experiment identify holds nothing out; leave --holdout out")
         if everything and design:
-            raise InputError("--all plays the fixed set, and --design a shorter one; allowed is one of them")
+            raise InputError("--all plays the fixed set, --design a shorter one; only one of them is allowed")
         if running:
             _check_running(lockstep, rate, scenario, plant_parameters, controller_parameters, draw)
             with running_courses(bus, blind, out, overwrite, design, json_output) as courses:
@@ -120,7 +124,7 @@ def experiment(
             if everything or design:
                 option = "--all" if everything else "--design"
                 raise InputError(
-                    f"{option} is of a rig with one clutch; the set of two clutches is always played whole"
+                    f"{option} is only for a rig with one clutch; the set for two clutches is always played completely"
                 )
             run_shift_set(of_two, bus, lockstep, out, overwrite, rate, json_output)
             return
@@ -130,7 +134,7 @@ def experiment(
             run_identify(courses, everything, design, out, json_output)
         return
     if everything or design:
-        raise InputError(f"--{'all' if everything else 'design'} goes with experiment identify alone; leave it away")
+        raise InputError(f"--{'all' if everything else 'design'} is only for the experiment identify; leave it out")
     follow_up: Report | None = None
     wanted: list[Experiment] = []
     held_out: list[Experiment] = []
@@ -167,7 +171,8 @@ def experiment(
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
     if shift := fitted[0].shift:
         lines.append(
-            f"note:    each pressure is {shift:+.2f} bar from the experiment's own, as the controller expects contact elsewhere"
+            f"note:    each pressure is {shift:+.2f} bar from that of the experiment, because the controller expects"
+            " another contact pressure"
         )
     lines += [f"next:    {command}"]
     verdict = f"{format_count(len(played), 'experiment')} recorded" + (
@@ -194,7 +199,7 @@ def _check_running(
     }  # fmt: skip
     if odd := [name for name, value in given.items() if value not in (None, False)]:
         raise InputError(
-            f"--running was given and {odd[0]}; the bench that runs has its own plant, controller and clock"
+            f"--running and {odd[0]} cannot be combined; a running bench has its own plant, controller and clock"
         )
 
 

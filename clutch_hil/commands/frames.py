@@ -21,10 +21,14 @@ def frames(
     dbc: Path | None = typer.Option(None, help="another DBC to check and list"),
     torque: float | None = typer.Option(
         None,
-        help="with --write: what the torque channels of a bench of another size carry, in Nm; 50 on the shipped one",
+        help="with --write: range of the torque channels of a bench of another size, in Nm; 50 on the shipped one",
     ),
-    speed: float | None = typer.Option(None, help="the same of the speed demands, in rad/s; 32.768 on the shipped one"),
-    pressure: float | None = typer.Option(None, help="the same of the pressure channel, in bar; 10 on the shipped one"),
+    speed: float | None = typer.Option(
+        None, help="the same for the speed demands, in rad/s; 32.768 on the shipped one"
+    ),
+    pressure: float | None = typer.Option(
+        None, help="the same for the pressure channel, in bar; 10 on the shipped one"
+    ),
     clutches: int = typer.Option(1, help="2: the bus of the power-shift rig", min=1, max=2),
     write: Path | None = typer.Option(None, help="DBC file to write for other tools, such as cantools"),
     overwrite: bool = OVERWRITE,
@@ -53,7 +57,7 @@ def frames(
     if sized:
         if write is None or dbc is not None or clutches != 1:
             raise InputError(
-                f"{join_names([f'--{name}' for name in sized])} needs --write, and goes without --dbc and --clutches"
+                f"{join_names([f'--{name}' for name in sized])} needs --write, and cannot be combined with --dbc or --clutches"
             )
         check_new_file(write, overwrite, [SHIPPED])
         text = write_sized_text(**sized)
@@ -83,23 +87,24 @@ def frames(
     version = codecs[0].version.number
     if version == VERSION_1.number:
         lines.append(
-            "note:    a database of version 1, with a CRC of 8 bits: logs of its time are read by it; the bench sends version 2"
+            "note:    a database of version 1, with a CRC of 8 bits: it is for reading old logs; the bench sends version 2"
         )
     if silent:
-        lines.append(f"note:    {join_names(silent)} have no cycle time (GenMsgCycleTime): the load cannot be told")
+        lines.append(f"note:    {join_names(silent)} have no cycle time (GenMsgCycleTime): the load is unknown")
     for bitrate, load in loads.items():
         most = find_highest_rate(counted, bitrate)
-        lines.append(
-            f"{bitrate // 1000} kbit/s: {100 * load:.0f} % of the wire at {rate} Hz; below 80 % up to {most} Hz"
-        )
+        lines.append(f"{bitrate // 1000} kbit/s: {100 * load:.0f} % bus load at {rate} Hz; below 80 % up to {most} Hz")
     if uncounted and not silent:
-        lines.append(f"note:    not counted in the load, without a cycle time or CAN FD: {join_names(uncounted)}")
+        lines.append(
+            f"note:    not counted in the load, as they have no cycle time or are CAN FD: {join_names(uncounted)}"
+        )
     if write:
         lines.append(f"wrote:   {write}")
     if sized:
         lines.append(
             f"next:    set {DATABASE}={path.absolute()} for every process of the bench, and {OWN_LIMITS} to a file with its"
-            " guard's limits, which begins as follows, and has the motor_torque, slip_speed and pressure that your rig may have"
+            " guard's limits, which begins as follows and also has motor_torque, slip_speed and pressure, the limits"
+            " of your rig"
         )
         lines += ["[guard]", *(f"{name} = {value:.10g}" for name, value in values.items())]
     fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]

@@ -24,7 +24,7 @@ LIFT_UP_LAWS = ("lift-up", "lift-height")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
 
-_COLUMN = "COLUMN, or COLUMN:UNIT; a unit with a minus turns the sign"
+_COLUMN = "COLUMN, or COLUMN:UNIT; a minus before the unit reverses the sign"
 
 
 def register(app: typer.Typer) -> None:
@@ -34,20 +34,22 @@ def register(app: typer.Typer) -> None:
 
 def identify(
     runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs of one rig"),
-    rig: str = typer.Option("", help="rig of the runs; that of the first one if not given"),
+    rig: str = typer.Option("", help="rig of the runs; the rig of the first run if not given"),
     hold: list[str] = typer.Option(
         [], metavar="NAME[=VALUE]", help="a parameter that is not fitted, of the clutch or of a lift-up's contact"
     ),
     bounds: list[str] = typer.Option([], metavar="NAME=LOW:HIGH", help="bounds of a parameter, in its unit"),
     tie: list[str] = typer.Option([], metavar="NAME=OTHER", help="a parameter with its declared ratio to another"),
-    force_checks: bool = typer.Option(False, "--force-checks", help="go on in spite of hard checks, with a note"),
+    force_checks: bool = typer.Option(
+        False, "--force-checks", help="continue although hard checks failed, with a note"
+    ),
     friction: str | None = typer.Option(
         None,
         "--friction",
         metavar="LAW",
-        help="of any rig only this law: stribeck, maxwell-slip, gms, xgms, lugre; lift-up or lift-height of an oil film",
+        help="only this law, of any rig: stribeck, maxwell-slip, gms, xgms, lugre; lift-up or lift-height of an oil film",
     ),
-    holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs on which the law is judged"),
+    holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs used to check the law"),
     position: str = typer.Option("", help=f"of the law, position: {_COLUMN}; by its name if not given"),
     speed: str = typer.Option("", help=f"speed, where there is no position: {_COLUMN}"),
     force: str = typer.Option("", help=f"force or torque: {_COLUMN}"),
@@ -76,7 +78,7 @@ def identify(
             "terms": terms, "bounds": bounds, "tie": tie, "starts": starts, "seed": seed,
         }  # fmt: skip
         if odd := [name for name, given in wrong.items() if _is_given(given)]:
-            raise InputError(f"--{odd[0]} is nothing of --friction {friction}; leave it away")
+            raise InputError(f"--{odd[0]} is not an option of --friction {friction}; leave it out")
         known = {name: _parse_number("hold", name, text) for name, text in _parse_pairs("hold", hold)}
         run_lift_up(
             runs, friction, {"position": position, "load": load, "time": time}, gap, known, low_pass, rig, out, overwrite,
@@ -84,10 +86,12 @@ def identify(
         )  # fmt: skip
         return
     if gap:
-        raise InputError(f"--gap goes with --friction {' or '.join(LIFT_UP_LAWS)}; leave it away")
+        raise InputError(f"--gap is only for --friction {' or '.join(LIFT_UP_LAWS)}; leave it out")
     if friction is not None:
         if odd := [name for name, given in (("hold", hold), ("bounds", bounds), ("tie", tie)) if given]:
-            raise InputError(f"--{odd[0]} is for a clutch, and --friction for a law alone; allowed is one of them")
+            raise InputError(
+                f"--{odd[0]} is for a clutch, --friction for a friction law alone; only one of them is allowed"
+            )
         columns = {"position": position, "speed": speed, "force": force, "load": load, "time": time}
         run_friction(
             runs, friction, holdout, columns, map_name, low_pass, rate, elements, terms,
@@ -100,7 +104,7 @@ def identify(
         "starts": starts, "seed": seed,
     }  # fmt: skip
     if odd := [name for name, given in law_only.items() if _is_given(given)]:
-        raise InputError(f"--{odd[0]} goes with --friction, a law alone; a clutch is identified from its own columns")
+        raise InputError(f"--{odd[0]} is only for --friction; a clutch is identified from columns with fixed names")
     _run_clutch(runs, rig, hold, bounds, tie, force_checks, out, overwrite, json_output)
 
 

@@ -23,7 +23,7 @@ def run_lift_up(
 
     allowed = (*butterflies.KNOWN, *butterflies.BESIDE)
     if odd := [name for name in known if name not in allowed]:
-        raise InputError(f"--hold {odd[0]} is nothing of a lift-up; allowed are {', '.join(allowed)}")
+        raise InputError(f"--hold {odd[0]} is not a parameter of a lift-up; allowed are {', '.join(allowed)}")
     contact = butterflies.make_contact(known)
     check_new_files(out, FILES, overwrite, runs)
     with writable_folder(out), ActivityLine("reading", json_output) as line:

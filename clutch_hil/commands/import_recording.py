@@ -26,17 +26,19 @@ def import_run(
     recordings: list[Path] = typer.Argument(
         ...,
         metavar="RECORDING...",
-        help="MDF 3 or 4, MATLAB .mat, CSV or other text, TDMS, HDF5, Parquet, Feather, or a bus log; found by content",
+        help="MDF 3 or 4, MATLAB .mat, CSV or other text, TDMS, HDF5, Parquet, Feather, or a bus log; known by its content",
     ),
     map_name: str | None = typer.Option(
-        None, "--map", help="TOML file that says which column is which, or emps, microtribometer, pneumatic_seal"
+        None, "--map", help="TOML file that assigns the columns, or emps, microtribometer, pneumatic_seal"
     ),
-    show_list: bool = typer.Option(False, "--list", help="show what is in the file: names, units, rates, spans"),
+    show_list: bool = typer.Option(
+        False, "--list", help="list the names, units, sample rates and time spans in the file"
+    ),
     draft: bool = typer.Option(
-        False, "--draft", help="write a map of all its columns, to be edited: to --out, or NAME.toml"
+        False, "--draft", help="write a map of all columns, for you to edit, to --out or NAME.toml"
     ),
-    from_s: float | None = typer.Option(None, "--from", help="first time to keep, in s; the map's if not given"),
-    to_s: float | None = typer.Option(None, "--to", help="last time to keep, in s; the map's if not given"),
+    from_s: float | None = typer.Option(None, "--from", help="first time to keep, in s; that of the map if not given"),
+    to_s: float | None = typer.Option(None, "--to", help="last time to keep, in s; that of the map if not given"),
     out: Path | None = typer.Option(
         None,
         help="run file to write: .parquet, .mf4 or .csv; NAME-1, NAME-2, ... where gaps cut the recording into runs. A folder"
@@ -48,11 +50,11 @@ def import_run(
     """Map names and units of a recording onto those of a run and write the run; what was done to it is told, and kept in the
     file's metadata. --list and --draft show what is in it first."""
     if show_list and draft:
-        raise InputError("--list and --draft are given; allowed is one of them")
+        raise InputError("--list and --draft were both given; only one of them is allowed")
     recording = recordings[0]
     if (show_list or draft) and len(recordings) > 1:
         name = "--list" if show_list else "--draft"
-        raise InputError(f"{name} is given with {len(recordings)} recordings; allowed is one")
+        raise InputError(f"{name} was given with {len(recordings)} recordings; it allows only one")
     if show_list:
         _list(recording, map_name, json_output)
     elif draft:
@@ -61,9 +63,9 @@ def import_run(
         if map_name is None:
             command = shlex.join(["clutch-hil", "import", "--draft", str(recording)])
             own = "; --map bench reads a log of the bench's own frames" if _is_bus_log(recording) else ""
-            raise InputError(f"--map is missing; `{command}` writes a map to begin with{own}")
+            raise InputError(f"--map is missing; `{command}` writes a draft of one{own}")
         if out is None:
-            raise InputError("--out is missing; it names the run file to write: .parquet, .mf4 or .csv")
+            raise InputError("--out is missing; it is the run file to write: .parquet, .mf4 or .csv")
         _import(recordings, map_name, from_s, to_s, out, overwrite, json_output)
 
 
@@ -109,13 +111,11 @@ def _choose_files(recordings: Sequence[Path], folder: Path) -> dict[Path, Path]:
     targets: dict[Path, Path] = {}
     for recording in recordings:
         if recording in targets:
-            raise InputError(f"{recording} is given twice; allowed is once")
+            raise InputError(f"{recording} was given twice; give it once")
         target = folder / f"{recording.stem}.parquet"
         for other, taken in targets.items():
             if target == taken:
-                raise InputError(
-                    f"{other} and {recording} would both be written to {target}; import one of them by itself"
-                )
+                raise InputError(f"{other} and {recording} would both be written to {target}; import them one by one")
         targets[recording] = target
     return targets
 

@@ -12,12 +12,10 @@ WORDS = typer.Argument(
     None,
     metavar="[EFFECT [SHORT=VALUE]... | GROUP.NAME=VALUE]...",
     help="effects, faults of the bus or of the computer to switch on, at typical values or the given ones, and parameters to"
-    " set; what is on now if not given",
+    " set; lists what is on now if not given",
 )
 FREEZE = typer.Option([], help="sensor that freezes; may be given more than once")
-BIAS = typer.Option(
-    [], metavar="SENSOR=VALUE", help="sensor that shows this much too much; may be given more than once"
-)
+BIAS = typer.Option([], metavar="SENSOR=VALUE", help="sensor offset by this value; may be given more than once")
 
 
 def register(app: typer.Typer) -> None:
@@ -31,11 +29,12 @@ def inject(
     freeze: list[str] = FREEZE,
     bias: list[str] = BIAS,
     process: str | None = typer.Option(
-        None, help="service of the clutch-hil up of this computer that gets a signal: plant, controller or controller_b"
+        None,
+        help="service of the clutch-hil up on this computer that receives a signal: plant, controller or controller_b",
     ),
     signal: str | None = typer.Option(None, help="signal of --process: kill, the default, or stop"),
-    list_all: bool = typer.Option(False, "--list", help="show what is on now, and what is to come"),
-    clutch: str | None = typer.Option(None, help="clutch, of a rig with two: a or b"),
+    list_all: bool = typer.Option(False, "--list", help="list what is on now, and what is planned"),
+    clutch: str | None = typer.Option(None, help="clutch a or b, on a rig with two"),
     at: float | None = typer.Option(None, help="when, in s of the plant's time; now if not given"),
     after: float | None = typer.Option(None, help="when, in s from now"),
     ramp: float | None = typer.Option(None, help="length of the ramp to the new values, in s"),
@@ -69,7 +68,7 @@ def inject(
         others |= {f"--{name}": seconds for name, seconds in given.items()} if off else {}  # it ends now
         if beside := [name for name, value in others.items() if value not in (None, [], False)]:
             raise InputError(
-                f"inject was given a fault of the bench and {beside[0]}; allowed beside it are --bus, and times of a begin"
+                f"a fault of the bench and {beside[0]} cannot be combined; allowed with it are --bus and start times"
             )
         report(*run_bench_fault(request, {name: s for name, s in given.items() if s is not None}, bus), json_output)
         return
@@ -79,10 +78,10 @@ def inject(
     if not values:
         if when or off:
             raise InputError(
-                "inject was told when or how and not what; name an effect, GROUP.NAME=VALUE, --freeze or --bias"
+                "inject was given a time or --off but nothing to inject; give an effect, GROUP.NAME=VALUE, --freeze or --bias"
             )
         report(*show_state(bus, router), json_output)
         return
     if list_all:
-        raise InputError("inject was given --list and something to inject; allowed is one of them")
+        raise InputError("--list and something to inject were both given; only one of them is allowed")
     report(*run_injection(values, when, bus, router), json_output)

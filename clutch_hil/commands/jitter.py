@@ -19,17 +19,17 @@ def register(app: typer.Typer) -> None:
 def jitter(
     bus: str = BUS,
     rate: int = typer.Option(1000, help="rate of samples and commands, in Hz"),
-    seconds: float = typer.Option(30.0, help="length of each phase in all, in s"),
-    rounds: int = typer.Option(3, min=1, help="number of rounds in which the phases are measured in turn"),
+    seconds: float = typer.Option(30.0, help="total length of each phase, in s"),
+    rounds: int = typer.Option(3, min=1, help="number of rounds; each round measures all phases in turn"),
     cpu: int | None = typer.Option(None, help="CPU of the loops; the last if not given"),
-    spin_us: float = typer.Option(100.0, help="longest spin before a slot, in us"),
+    spin_us: float = typer.Option(100.0, help="longest busy wait before a cycle, in us"),
     rates: str | None = typer.Option(
-        None, help="the closed loop alone, by clock and bus, at these rates in Hz, such as 250,4000"
+        None, help="measure only the closed loop, started by clock and by bus, at these rates in Hz, such as 250,4000"
     ),
     load: list[str] = typer.Option(
         [], help="cpu, memory, disk, bus, viewer, restarts or full; may be given more than once"
     ),
-    telemetry: bool = typer.Option(True, help="publish every cycle while it is measured, as a bench does"),
+    telemetry: bool = typer.Option(True, help="publish every cycle during the measurement, as a bench does"),
     out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
@@ -93,5 +93,5 @@ def _parse_rates(text: str) -> list[int]:
     """Return the rates [Hz] in a comma-separated list. Raises InputError."""
     parts = [part.strip() for part in text.split(",")]
     if odd := [part for part in parts if not (part.isdecimal() and len(part) < _DIGITS)]:
-        raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers of Hz with commas between")
+        raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers in Hz, separated by commas")
     return [check_rate(int(part)) for part in parts]

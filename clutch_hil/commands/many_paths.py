@@ -22,7 +22,7 @@ class ManyPaths(TyperCommand):
         within = False
         for arg, following in zip(args[:end], [*args[1:end], "--"], strict=True):
             if arg == _MANY and following.startswith("-"):
-                raise InputError(f"{_MANY} has no run; name one or more behind it, or leave it away")
+                raise InputError(f"{_MANY} has no run; give one or more after it, or leave it out")
             if arg.startswith("-"):
                 within = arg.partition("=")[0] == _MANY
                 spread += [] if arg == _MANY else [arg]

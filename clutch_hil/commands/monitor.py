@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
 def monitor(
     bus: str | None = BENCH,
     router: str | None = ROUTER,
-    once: bool = typer.Option(False, help="print one screen and end"),
+    once: bool = typer.Option(False, help="print one screen and exit"),
     seconds: float | None = typer.Option(None, help="how long; until Ctrl-C if not given"),
     json_output: bool = JSON,
 ) -> None:

@@ -28,11 +28,11 @@ SEED = typer.Option(None, help="seed of the sensor noise; 1 if not given", min=0
 TEMPERATURE = typer.Option(None, help="oil temperature at the start, in degC; the reference temperature if not given")
 LAW = typer.Option(None, help="both, feedforward or feedback; both if not given")
 ADAPTATION = typer.Option(None, help="adapt the friction level while it runs; on if not given")
-BLIND = typer.Option(False, "--blind", help="keep the truth out of the run file, in a sealed file beside it")
+BLIND = typer.Option(False, "--blind", help="keep the truth out of the run file, in a separate sealed file")
 LOCKSTEP = typer.Option(False, help="deterministic, as fast as the machine allows")
 JUNIT = typer.Option(None, help="XML file for the verdicts, as test benches read them")
-OUT = typer.Option(Path("runs"), help="folder for what is written")
-OVERWRITE = typer.Option(False, help="replace a file that exists; never one that is read")
+OUT = typer.Option(Path("runs"), help="folder for the files to write")
+OVERWRITE = typer.Option(False, help="replace existing files, but never an input file")
 FROM = typer.Option(-inf, "--from", help="first time of a part of the run, in s", show_default=False)
 TO = typer.Option(inf, "--to", help="last time of a part of the run, in s", show_default=False)
 JSON = typer.Option(False, "--json", help="print the result as JSON")
@@ -45,7 +45,7 @@ ROUTER = typer.Option(
 )
 
 # Options of a service: plant and controller
-SERVICE_TELEMETRY = typer.Option(True, help="publish every cycle over zenoh, from a process of its own")
+SERVICE_TELEMETRY = typer.Option(True, help="publish every cycle over zenoh, from a separate process")
 PUBLISH_ROUTER = typer.Option(
     None,
     "--router",
@@ -72,7 +72,7 @@ def take_calibration(
     if plant or controller:
         other = "--plant-parameters" if plant else "--controller-parameters"
         raise InputError(
-            f"--calibration changes plant and controller, and {other} was given, too; of one of them alone the calibration is"
-            " given by --plant-parameters or by --controller-parameters"
+            f"--calibration and {other} were both given, but --calibration sets plant and controller; for one of them"
+            " use --plant-parameters or --controller-parameters"
         )
     return calibration, calibration

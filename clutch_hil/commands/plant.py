@@ -40,14 +40,16 @@ def plant(
         "--calibration",
         help="TOML file that changes plant parameters: a rig of yours, a model.toml, or a calibration.toml",
     ),
-    profile: str | None = typer.Option(None, help="profile to play, or manual; of the scenario, or none, if not given"),
+    profile: str | None = typer.Option(
+        None, help="profile to play, or manual; that of the scenario, or none, if not given"
+    ),
     seconds: float | None = typer.Option(
-        None, help="repeat or cut the profile to this length, in s; the plant goes on after it until it is stopped"
+        None, help="repeat or cut the profile to this length, in s; afterwards the plant continues until it is stopped"
     ),
     seed: int | None = SEED,
     temperature: float | None = TEMPERATURE,
     blind: bool = BLIND,
-    ring: Path | None = typer.Option(None, help="shared-memory file for the record of every sample"),
+    ring: Path | None = typer.Option(None, help="shared-memory file with the record of every sample"),
     summary: Path | None = SUMMARY,
     overwrite: bool = OVERWRITE,
     telemetry: bool = SERVICE_TELEMETRY,

@@ -10,8 +10,8 @@ from protocols.errors import InputError, join_names
 
 FILE = typer.Argument(
     None,
-    help="its suffix decides. Telemetry: .parquet, .mf4, .csv, .rrd; frames on the bus: .blf, .asc, .log (candump), .trc;"
-    " runs/DATE-recorded.parquet if not given",
+    help="file to write; its suffix sets the format. Telemetry: .parquet, .mf4, .csv, .rrd; frames on the bus: .blf, .asc,"
+    " .log (candump), .trc; runs/DATE-recorded.parquet if not given",
 )
 _PRIORITY = 1  # of SCHED_RR, below the services at 80. A bus queues half a second; a busy machine may be later
 
@@ -26,7 +26,7 @@ def record(
     bus: str | None = BENCH,
     router: str | None = ROUTER,
     seconds: float | None = typer.Option(
-        None, help="how long from now on; until Ctrl-C, or the bench's end, if not given"
+        None, help="how long to record, in s; until Ctrl-C or the end of the bench if not given"
     ),
     blind: bool = BLIND,
     overwrite: bool = OVERWRITE,
@@ -55,9 +55,9 @@ def record(
     with ActivityLine(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
         if path and path.suffix.lower() in WRITERS:
             if router:
-                raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
+                raise InputError(f"frames on a bus do not come from the router {router}; leave --router out")
             if blind:
-                raise InputError(f"frames on a bus hold no truth to keep out of {path}; leave --blind away")
+                raise InputError(f"frames on a bus contain no truth that {path} could reveal; leave --blind out")
             check_new_file(path, overwrite)
             with suppress(OSError):  # only root may set it
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))

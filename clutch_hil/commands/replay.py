@@ -14,9 +14,11 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    log: Path = typer.Argument(help="log of a bus: BLF, ASC, candump, TRC or MF4; its content decides"),
-    channel: str | None = typer.Option(None, help="channel of the log, where more than one carries a bench"),
-    bus: str | None = typer.Option(None, help="play it to a controller on this bus; in this process if not given"),
+    log: Path = typer.Argument(help="log of a bus: BLF, ASC, candump, TRC or MF4; recognised by its content"),
+    channel: str | None = typer.Option(None, help="channel of the log, if more than one has frames of a bench"),
+    bus: str | None = typer.Option(
+        None, help="play it to a controller on this bus; to one in this process if not given"
+    ),
     parameters: Path | None = PARAMETERS,
     law: str = CONTROLLER_LAW,
     adaptation: bool = CONTROLLER_ADAPTATION,
@@ -56,12 +58,12 @@ def replay(
         f"read:    {log}, {channel_text}{len(read.samples)} samples at {read.rate} Hz, {read.seconds:.1f} s",
         *(f"note:    {note}" for note in read.notes),
         f"sha256:  {answers.digest}",
-        f"took:    {whole:.2f} s, of which the controller {answers.seconds:.2f} s",
+        f"took:    {whole:.2f} s, the controller's share {answers.seconds:.2f} s",
     ]
     differs = answers.equal < answers.logged
     if differs:
         lines.append(
-            "note:    in real time a cycle takes what has come by its slot, here all up to its sample: answers differ"
+            "note:    answers differ: in real time a cycle uses the frames received by then, here all frames up to its sample"
         )
     verdict = (
         f"{answers.cycles} samples answered, {answers.equal} of {answers.logged} logged valve commands are the same"

@@ -16,7 +16,7 @@ def register(app: typer.Typer) -> None:
 
 
 def reproduce(
-    name: str | None = typer.Argument(None, help="name of a reproduction, or a figure's number"),
+    name: str | None = typer.Argument(None, help="name of a reproduction, or number of a figure"),
     list_all: bool = typer.Option(False, "--list", help="list what can be reproduced"),
     every: bool = typer.Option(False, "--all", help="reproduce everything and write one page with all pictures"),
     out: Path = OUT,
@@ -32,7 +32,7 @@ def reproduce(
     from protocols.files.output_file import check_new_files
 
     if list_all and (name or every):
-        raise InputError(f"reproduce was given --list and {name or '--all'}; allowed is one of them")
+        raise InputError(f"--list and {name or '--all'} were both given; only one of them is allowed")
     if list_all or not (name or every):
         rows = [("name", "what"), *((e.name, e.title) for e in load_entries().values())]
         if json_output:
@@ -41,7 +41,7 @@ def reproduce(
             report({}, format_table(rows), f"{len(rows) - 1} entries", True, as_json=False)
         return
     if every and name:
-        raise InputError(f"reproduce was given {name!r} and --all; allowed is one of them")
+        raise InputError(f"{name!r} and --all were both given; only one of them is allowed")
     chosen = find_entry(name) if name else None
     names = [chosen.name] if chosen else list(load_entries())
     pictures = [f"{each}.png" for each in names]
@@ -53,6 +53,6 @@ def reproduce(
             report(*run_all(out, progress), json_output)
             return
         result = check(chosen.name, progress) if kept else run(chosen, out, progress)
-    wrote = f"nothing; {out / pictures[0]} exists already, --overwrite draws it anew" if kept else result.picture
+    wrote = f"nothing; {out / pictures[0]} exists already, --overwrite replaces it" if kept else result.picture
     text = "\n".join([f"{chosen.name}: {chosen.title}", format_checks(result), f"wrote:   {wrote}"])
     report(result.make_document(), text, result.verdict, result.holds, json_output)

@@ -10,13 +10,13 @@ from clutch_hil.commands.options import JSON
 FOLDER = typer.Argument(help="folder for bench.json, operator.json and viewer.json")
 HOST = typer.Option(
     [],
-    help="address or name of the bench's machine, where it listens and others connect; may be given more than once, for further"
-    " names of it; this machine alone if not given",
+    help="address or name of the bench's machine, on which it accepts connections; may be given more than once, for further"
+    " names; only this machine if not given",
 )
-OPERATOR = typer.Option("operator", help="name of the operator, as it is logged with each change")
-DAYS = typer.Option(90, help="how long the certificates hold, in days")
+OPERATOR = typer.Option("operator", help="name of the operator; it is logged with each change")
+DAYS = typer.Option(90, help="validity of the certificates, in days")
 OVERWRITE = typer.Option(
-    False, help="renew: replace the files; the old ones are refused from the next start of the bench on"
+    False, help="replace the files by new ones; the bench refuses the old ones from its next start on"
 )
 
 

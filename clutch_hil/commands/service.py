@@ -14,18 +14,18 @@ from protocols.errors import InputError, join_names
 ACTION = typer.Argument(help="install, uninstall or status")
 BUS = typer.Option(None, help="CAN interface: vcan0, or a card such as can0; vcan0 if not given")
 RATE = typer.Option(None, help="rate of samples and commands, in Hz; 1000 if not given")
-LOOP_CPU = typer.Option(None, help="CPU for the loops, kept free of what units run beside them; any if not given")
-BITRATE = typer.Option(None, help="of a card, in bit/s; 1000000 if not given")
+LOOP_CPU = typer.Option(None, help="CPU for the loops, kept free of other processes of the units; any if not given")
+BITRATE = typer.Option(None, help="bit rate of a card, in bit/s; 1000000 if not given")
 STARTED = typer.Option(
     [],
     "--start",
     help="unit that starts with the machine: plant, controller, recorder or view, may be given more than once; plant,"
     " controller and view if not given, without the plant on a card",
 )
-LATER = typer.Option(False, "--later", help="install: do not start the units now, but with the machine")
+LATER = typer.Option(False, "--later", help="install: do not start the units now, only when the machine starts")
 PURGE = typer.Option(False, "--purge", help="uninstall: remove recordings and changed files as well")
 ROOT = typer.Option(Path("/"), help="root folder of the files; for an image of another machine")
-OVERWRITE = typer.Option(False, help="install: replace files that others have written or changed")
+OVERWRITE = typer.Option(False, help="install: also replace files that were written or changed by others")
 
 _ALLOWED = {
     "install": {"bus", "rate", "cpu", "bitrate", "start", "later", "overwrite"},
@@ -89,7 +89,7 @@ def _check_action(action: str, given: dict[str, Any]) -> None:
     for name, value in given.items():
         if (value or value == 0) and value is not False and name not in _ALLOWED[action]:
             owner = next(one for one, names in _ALLOWED.items() if name in names)
-            raise InputError(f"--{name} was given to service {action}; it is for service {owner}")
+            raise InputError(f"--{name} was given with service {action}; it is only for service {owner}")
 
 
 def _install(installation: Any, settings: Any, later: bool, overwrite: bool) -> tuple[dict[str, Any], str, str, bool]:

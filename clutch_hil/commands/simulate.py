@@ -36,7 +36,7 @@ def simulate(
     names: list[str] | None = typer.Argument(
         None, metavar="[SCENARIO]...", help="names of scenarios, or their files; options override them"
     ),
-    every: bool = typer.Option(False, "--all", help="simulate every scenario that comes with the bench"),
+    every: bool = typer.Option(False, "--all", help="simulate every scenario that is shipped with the bench"),
     rate: int | None = RATE,
     profile: str | None = PROFILE,
     seconds: float | None = SECONDS,
@@ -46,8 +46,8 @@ def simulate(
     seed: int | None = SEED,
     seeds: int = typer.Option(1, help="number of seeds; more than one is a sweep", min=1),
     vary: str | None = typer.Option(None, help="plant parameter to sweep, NAME=LOW:HIGH:COUNT"),
-    workers: int | None = typer.Option(None, help="processes of a sweep; one for each CPU if not given", min=1),
-    dask: str | None = typer.Option(None, help="Dask scheduler that computes a sweep, such as tcp://host:8786"),
+    workers: int | None = typer.Option(None, help="processes of a sweep; one per CPU if not given", min=1),
+    dask: str | None = typer.Option(None, help="Dask scheduler for a sweep, such as tcp://host:8786"),
     temperature: float | None = TEMPERATURE,
     law: str | None = LAW,
     adaptation: bool | None = ADAPTATION,
@@ -69,16 +69,16 @@ def simulate(
 
     plant_parameters, controller_parameters = take_calibration(calibration, plant_parameters, controller_parameters)
     if every and names:
-        raise InputError(f"simulate was given {names[0]!r} and --all; allowed is one of them")
+        raise InputError(f"{names[0]!r} and --all were both given; only one of them is allowed")
     given = select_settings(locals())
     wanted = find_shipped_scenarios() if every else names or ()
     chosen = [choose_scenario(name, given) for name in wanted] or [choose_scenario(None, given)]
     swept = seeds > 1 or vary is not None
     if swept and (len(chosen) > 1 or blind or junit):
         other = "--blind" if blind else "--junit" if junit else f"{len(chosen)} scenarios"
-        raise InputError(f"a sweep was asked for and {other}; allowed is one of them")
+        raise InputError(f"a sweep (--seeds, --vary) cannot be combined with {other}")
     if not swept and (workers or dask):
-        raise InputError(f"{'--workers' if workers else '--dask'} is for a sweep; --seeds or --vary asks for one")
+        raise InputError(f"{'--workers' if workers else '--dask'} is only for a sweep; --seeds or --vary starts one")
     check_junit(junit, overwrite, chosen)
     with writable_folder(out), progress_bar("simulate", json_output) as progress:
         if swept:

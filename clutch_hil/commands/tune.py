@@ -9,12 +9,14 @@ from clutch_hil.commands.options import BENCH, JSON, ROUTER
 from protocols.errors import InputError
 
 NAMES = typer.Argument(
-    None, metavar="[NAME[=VALUE]]...", help="parameters to show, or to set; a group such as torque. shows all of it"
+    None,
+    metavar="[NAME[=VALUE]]...",
+    help="parameters to show or to set; a group such as torque. shows all its parameters",
 )
 CALIBRATION_FILE = typer.Option(
     None,
     "--calibration",
-    help="calibration.toml of `clutch-hil identify`: load it into the controller, its clutch open",
+    help="calibration.toml of `clutch-hil identify`: load it into the controller while its clutch is open",
 )
 WITH_PLANT = typer.Option(
     False,
@@ -42,9 +44,9 @@ def tune(
 
     if calibration:
         if names:
-            raise InputError(f"--calibration was given and {names[0]!r}; allowed is one of them")
+            raise InputError(f"--calibration and {names[0]!r} were both given; only one of them is allowed")
         report(*load_calibration(calibration, bus, router, with_plant), json_output)
         return
     if with_plant:
-        raise InputError("--with-plant goes with --calibration, which was not given")
+        raise InputError("--with-plant needs --calibration")
     report(*run_tune(names or [], bus, router), json_output)

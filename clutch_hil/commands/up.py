@@ -53,12 +53,12 @@ def up(
     temperature: float | None = TEMPERATURE,
     law: str | None = LAW,
     adaptation: bool | None = ADAPTATION,
-    view: bool = typer.Option(False, "--view", help="watch it in rerun's viewer, as `clutch-hil view` does"),
-    web: bool = typer.Option(False, "--web", help="watch it in a browser"),
+    view: bool = typer.Option(False, "--view", help="show it in rerun's viewer, as `clutch-hil view` does"),
+    web: bool = typer.Option(False, "--web", help="show it in a browser"),
     telemetry: bool = typer.Option(True, help="publish every cycle over zenoh"),
     router: str | None = PUBLISH_ROUTER,
-    trigger: str | None = typer.Option(None, help="what begins a control cycle: clock (if not given), bus or pll"),
-    spin_us: float | None = typer.Option(None, help="longest spin of the controller before a slot, in us"),
+    trigger: str | None = typer.Option(None, help="what starts a control cycle: clock (if not given), bus or pll"),
+    spin_us: float | None = typer.Option(None, help="longest busy wait of the controller before a cycle, in us"),
     blind: bool = BLIND,
     junit: Path | None = JUNIT,
     overwrite: bool = OVERWRITE,
@@ -80,7 +80,7 @@ def up(
     chosen = choose_scenario(scenario, given)
     check_junit(junit, overwrite, [chosen])
     if (view or web) and not telemetry:
-        raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
+        raise InputError("a viewer and --no-telemetry were both given; only one of them is allowed")
     check_trigger(trigger or "clock")
     check_spin(spin_us or 0.0)
     viewer = ["--web"] if web else [] if view else None

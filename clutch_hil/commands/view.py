@@ -25,21 +25,21 @@ def view(
     router: str | None = ROUTER,
     from_s: float = FROM,
     to_s: float = TO,
-    web: bool = typer.Option(False, "--web", help="show it in a browser; works without a network"),
-    save: Path | None = typer.Option(
-        None, help="write the rows to an .rrd file; without --window or --web nothing is shown"
+    web: bool = typer.Option(False, "--web", help="show it in a browser; needs no network"),
+    save: Path | None = typer.Option(None, help="write the rows to an .rrd file; with this alone nothing is shown"),
+    window: bool = typer.Option(False, "--window", help="show a window as well with --save"),
+    seconds: float | None = typer.Option(
+        None, help="how long, in s; until the window is closed or Ctrl-C if not given"
     ),
-    window: bool = typer.Option(False, "--window", help="show a window although --save is given"),
-    seconds: float | None = typer.Option(None, help="how long; until the window is closed or Ctrl-C if not given"),
     port: int | None = typer.Option(None, help="port of the viewer's data; 9876 or a free one if not given"),
     web_port: int | None = typer.Option(None, help="port of the page; 9090 or a free one if not given"),
     address: str = typer.Option(
         "127.0.0.1",
-        help="address of this machine where the page is served; others can open it with the token in its address",
+        help="address of this machine on which the page is served; others can open it with the token in its address",
     ),
     headless: bool = typer.Option(False, "--headless", help="a viewer without a window, for pictures and tests"),
     memory: str | None = typer.Option(
-        None, help="memory for rows, the oldest go first; 1GB, with --web 256MB, if not given"
+        None, help="memory for rows; the oldest are dropped first; 1GB, with --web 256MB, if not given"
     ),
     no_open: bool = typer.Option(False, "--no-open", help="do not open a browser"),
     overwrite: bool = OVERWRITE,
@@ -52,12 +52,12 @@ def view(
     from protocols.files.stretch import Stretch
 
     if seconds is not None and not seconds > 0.0:
-        raise InputError(f"view cannot last {seconds:g} s; allowed is more than 0 s")
+        raise InputError(f"--seconds is {seconds:g} s; allowed is more than 0 s")
     if web + headless + window > 1:
-        raise InputError("more than one of --web, --headless and --window was given; allowed is one")
+        raise InputError("more than one of --web, --headless and --window was given; only one is allowed")
     of_page = {f"--address {address}": address != "127.0.0.1", f"--web-port {web_port}": web_port is not None}
     if odd := [option for option, given in (of_page | {"--no-open": no_open}).items() if given and not web]:
-        raise InputError(f"{odd[0]} was given without --web; it is of a page that is served")
+        raise InputError(f"{odd[0]} was given without --web; it is an option of --web")
     if save and not (web or headless or window):
         of_viewer = {f"--port {port}": port is not None, f"--memory {memory}": memory is not None}
         of_viewer |= {f"--seconds {seconds}": bool(runs) and seconds is not None}  # for a bench, they limit the file
@@ -65,10 +65,12 @@ def view(
             raise InputError(f"{odd[0]} was given without a viewer; with --save it needs --web or --window")
     if runs and (bus or router):
         option = "--bus" if bus else "--router"
-        raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")
+        raise InputError(
+            f"{option} {bus or router} and run {runs[0]} cannot be combined; {option} is for the running bench"
+        )
     stretch = Stretch(from_s, to_s)
     if not runs and not stretch.is_whole:
-        raise InputError("--from or --to was given without a run; the running bench is shown as it runs, for --seconds")
+        raise InputError("--from or --to was given without a run; for a running bench use --seconds")
     if save:
         check_rrd(save, overwrite, runs or ())
 

@@ -250,7 +250,7 @@ def test_effects_of_a_sweep_are_on_in_every_run() -> None:
         (lambda run: ch.read_run(None), "path is None; the path of a file is needed"),
         (lambda run: ch.draw_sweep("sweep.csv", "a", "b"), "the table is of the type str; the result of sweep is needed"),
         (lambda run: ch.draw_sweep(pa.table({"seed": [1]}), 3, "b"), "x is 3; allowed is a list"),
-        (lambda run: ch.measure_run(ch.Run(run.columns, {"rig": ["x"]})), r"the metadata of the run name the rig \['x'\]"),
+        (lambda run: ch.measure_run(ch.Run(run.columns, {"rig": ["x"]})), r"the metadata of the run have rig = \['x'\]"),
         (lambda run: ch.measure_run(ch.Run(dict.fromkeys(run.columns, np.full(9, np.inf)), {})), "measure [a-z_]* raises"),
         (
             lambda run: ch.draw_run(ch.Run({name: values[:1] for name, values in run.columns.items()}, {})),
@@ -450,7 +450,7 @@ def test_cases_that_kill_every_worker_are_given_up() -> None:
         ({"samples": [{"friction_level.level": 0.9}], "scenario": "shift"}, "friction_level.level"),  # of which clutch?
         ({"samples": SAMPLES, "profile": "no_such"}, "profile 'no_such' does not exist"),
         ({"samples": SAMPLES, "seconds": float("nan")}, "a run of nan s is not possible"),
-        ({"samples": [{"a": 1.0}, {"b": 1.0}]}, "all need the same"),
+        ({"samples": [{"a": 1.0}, {"b": 1.0}]}, "all samples need the same"),
         ({"samples": [{"friction_level.level": 99.0}]}, "friction_level.level"),
         ({"samples": [{"controller.no.such": 1.0}]}, "no.such"),
         ({"samples": SAMPLES, "measures": ["beauty"]}, "measure 'beauty' is unknown"),
@@ -482,5 +482,5 @@ def test_a_module_beside_a_script_that_hides_a_package_of_the_bench_is_named(tmp
     hiding.touch()
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=PATIENCE, check=False)
     name = Path(place).parts[0].removesuffix(".py")
-    assert f"ImportError: clutch_hil needs the package {name} beside it in " in done.stderr
+    assert f"ImportError: clutch_hil needs the package {name} next to it in " in done.stderr
     assert f"Python finds {hiding.resolve()}: rename that" in done.stderr

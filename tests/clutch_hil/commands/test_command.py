@@ -32,7 +32,7 @@ from tests.processes import PATIENCE, list_errors
 def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> None:
     refused = CliRunner().invoke(make_application(), arguments, prog_name="clutch-hil").exception
     assert isinstance(refused, InputError)
-    assert str(refused) == f"{named} is empty; a value is needed, or leave it away"
+    assert str(refused) == f"{named} is empty; give a value, or leave it out"
 
 
 @pytest.mark.parametrize(
@@ -75,8 +75,8 @@ def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sent
             ("--seeds", "2", "--dask", "tcp://127.0.0.1:1", "--workers", "2"),
             "workers = 2 and a cluster at ",
         ),
-        (("--workers", "2"), "--workers is for a sweep; --seeds or --vary asks for one"),
-        (("--dask", "tcp://127.0.0.1:1"), "--dask is for a sweep; --seeds or --vary asks for one"),
+        (("--workers", "2"), "--workers is only for a sweep; --seeds or --vary starts one"),
+        (("--dask", "tcp://127.0.0.1:1"), "--dask is only for a sweep; --seeds or --vary starts one"),
         (("--seeds", "99999999999"), "99999999999 runs are not possible; allowed are 1 to 1000000"),
         (("--vary", "oil.heat_transfer=1:2:0"), "range 'oil.heat_transfer=1:2:0' is not possible; COUNT must be 1 to "),
         (("--vary", "oil.heat_transfer=1:2:9999999999"), "range 'oil.heat_transfer=1:2:9999999999' is not possible; "),
@@ -228,13 +228,13 @@ def test_a_character_that_the_terminal_lacks_is_written_out() -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("doctor", "--cpu", "-1"), "CPU -1 is not there; allowed are 0 to "),
-        (("doctor", "--cpu", "99999999999999999999"), "CPU 99999999999999999999 is not there; allowed are 0 to "),
+        (("doctor", "--cpu", "-1"), "CPU -1 does not exist; allowed are 0 to "),
+        (("doctor", "--cpu", "99999999999999999999"), "CPU 99999999999999999999 does not exist; allowed are 0 to "),
         (("record", "."), ". cannot be recorded as ''; allowed are "),
         (("record", ".."), ".. cannot be recorded as ''; allowed are "),
         (("record", "/"), "/ cannot be recorded as ''; allowed are "),
         (("import", ".", "--draft"), "recording . cannot be read: it is a folder"),
-        (("import", "a b.csv"), "--map is missing; `clutch-hil import --draft 'a b.csv'` writes a map to begin with"),
+        (("import", "a b.csv"), "--map is missing; `clutch-hil import --draft 'a b.csv'` writes a draft of one"),
         (("frames", "--write", "."), "file . cannot be written: it is a folder"),
         (("jitter", "--rates", "9" * 5000), "rates '999"),
         (("simulate", "--junit", "/"), "file / cannot be written: it is a folder"),
@@ -316,15 +316,15 @@ def test_who_ends_it_while_a_text_is_executed_has_its_exit_code(number: signal.S
         preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # `nohup make test` ignores it
     )  # fmt: skip
     assert done.returncode == INTERRUPTED, done.stderr
-    assert list_errors(done.stderr) == ["interrupted: nothing half-written is left, compiled kernels are kept"]
+    assert list_errors(done.stderr) == ["interrupted: nothing half-written is left, compiled kernels are stored"]
 
 
 def test_a_calibration_beside_a_file_says_how_it_is_given_for_one_of_them() -> None:
     words = ("simulate", "--calibration", "mine.toml", "--plant-parameters", "rig.toml")
     refused = CliRunner().invoke(make_application(), words, prog_name="clutch-hil").exception
     assert isinstance(refused, InputError)
-    assert "--plant-parameters was given, too" in str(refused)
-    assert "by --plant-parameters or by --controller-parameters" in str(refused)
+    assert "--calibration and --plant-parameters were both given" in str(refused)
+    assert "use --plant-parameters or --controller-parameters" in str(refused)
 
 
 def test_a_sweep_of_one_run_a_value_tells_no_deviation(tmp_path: Path) -> None:

@@ -44,5 +44,5 @@ def test_after_two_hyphens_every_word_is_a_run() -> None:
 @pytest.mark.parametrize("words", [("a", "--holdout"), ("a", "--holdout", "--out", "there"), ("--holdout", "--", "a")])
 def test_nothing_held_out_is_refused(words: tuple[str, ...]) -> None:
     """As of a pattern of a shell that no file has: the result would be judged on nothing, and not say so."""
-    with pytest.raises(InputError, match="--holdout has no run; name one or more behind it, or leave it away"):
+    with pytest.raises(InputError, match="--holdout has no run; give one or more after it, or leave it out"):
         read(*words)

@@ -68,7 +68,7 @@ def test_frames_that_a_bus_port_ignores_are_ignored_on_the_bench_channel(
 
 
 def test_two_buses_in_one_log_need_a_channel() -> None:
-    with pytest.raises(InputError, match="on 2 channels, can0, can1; give one by --channel"):
+    with pytest.raises(InputError, match="on 2 channels, can0, can1; choose one with --channel"):
         replay("g_two_channels.log")
 
 
