@@ -63,7 +63,7 @@ def describe_mismatch(columns: Mapping[str, np.ndarray], parameters: Mapping[str
     if gap is None or not gap.exceeds(_OFF):
         return None
     if gap.exceeds(_OTHER):
-        return f"{gap} than the controller estimated: its calibration is of another clutch, {_OR}"
+        return f"{gap} than the controller estimated: its calibration belongs to another clutch, {_OR}"
     share = 100.0 * abs(gap.off) / gap.mean
     return (
         f"{gap} than the controller estimated, {share:.1f} %: its calibration or the torque sensor is off;"
@@ -76,8 +76,8 @@ def describe_failed_fill(fault: float | str, parameters: Mapping[str, float]) ->
     if fault != "fill timeout" or not parameters.keys() >= {CONTACT, _VALVE}:
         return None
     return (
-        f"the controller expects contact at {parameters[CONTACT]:g} bar and {parameters[_VALVE]:g} bar/V of the valve; a"
-        f" clutch with other ones needs its {', '.join(EXPECTED)} by --controller-parameters or --calibration; see clutch-hil"
+        f"the controller expects contact at {parameters[CONTACT]:g} bar and {parameters[_VALVE]:g} bar/V of the valve; for"
+        f" another clutch give its {', '.join(EXPECTED)} by --controller-parameters or --calibration; see clutch-hil"
         " identify"
     )
 
@@ -102,7 +102,10 @@ def describe_shift_mismatch(columns: Mapping[str, np.ndarray], parameters: Mappi
         slip = columns[f"slip_speed_{clutch}_rad_s"]
         gap = _compare("motor and inertia", given, estimate, slip, own & ~other, step)
         if gap is not None and gap.exceeds(_OTHER):
-            return f"on clutch {clutch} alone {gap} than its controller estimated: its calibration is of another clutch, {_OR}"
+            return (
+                f"on clutch {clutch} alone {gap} than its controller estimated: its calibration belongs to another clutch,"
+                f" {_OR}"
+            )
     return None
 
 

@@ -71,7 +71,7 @@ class CanLogResult:
         if self.lost:
             loss = f"at least {format_count(self.lost, 'frame')} lost, by their alive counters"
         elif self.waited >= _SUSPECT_BACKLOG:
-            loss = f"frames may be lost: {self.waited} waited at once, and a full bus takes no more"
+            loss = f"frames may be lost: {self.waited} waited at the same time, which fills the queue of the bus"
         else:
             loss = "no frame lost"
         return f"{self.seconds:.1f} s recorded, {loss}" + (f"; the bus failed: {self.failure}" if self.failure else "")
@@ -140,8 +140,8 @@ class CanLog:
                 except can.CanError as error:
                     failure = str(error)
             if not self._traffic.frames:
-                stop.check(f"no frame had come on bus {self.bus}; nothing was recorded")
-                raise InputError(f"no frame came on bus {self.bus}; nothing was recorded")
+                stop.check(f"no frame was received on bus {self.bus}; nothing was recorded")
+                raise InputError(f"no frame was received on bus {self.bus}; nothing was recorded")
         counts = dict(sorted(self._traffic.frames.items()))
         return CanLogResult(
             self.bus, self.path, counts, last - first, self._traffic.count("lost"), backlog.most, failure

@@ -17,11 +17,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "columns.md"
 
 _TEXT = """# Columns and signals
 
-Written by `python -m clutch_hil.bench.columns_page` from the declarations in the code: change those, not this page.
+Written by `python -m clutch_hil.bench.columns_page` from the declarations in the code. Edit these, not this page.
 
-A run file has the columns of the plant, then `torque_demand_nm`, the controller's M_d, then those of the controller. Row k
-holds what the sensors showed at its time, the commands that act from then on, and what the controller made of that sample. A
-column of the truth begins with `truth_`; no real rig has it.
+A run file has the columns of the plant, then `torque_demand_nm`, the controller's M_d, then those of the controller.
+Row k has the sensor values at its time, the commands that act from then on, and the results of the controller for this sample.
+Columns of true values begin with `truth_`. No real rig has them.
 
 ## Plant with one clutch
 
@@ -44,8 +44,8 @@ clutches those of clutch b begin with `controller_b_`.
 
 ## Timing
 
-Of each service, declared in `protocols/realtime/beat.py`. In telemetry and in runs of a live bench they are the last columns of
-the plant, beginning with `plant_`, and of each controller.
+Each service has these columns, declared in `protocols/realtime/beat.py`. In telemetry and in runs of a live bench they are
+the last columns of the plant, beginning with `plant_`, and of each controller.
 
 {timing}
 

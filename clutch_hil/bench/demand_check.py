@@ -31,8 +31,8 @@ def check_demands(profile: Any, parameters: ParameterSet, clutch: str | None = N
             row, name = int(beyond[0]), _LIMITS[what]
             raise InputError(
                 f"profile {profile.name}, row {row + 1}, at {profile.time[row]:g} s: the {what} demand of"
-                f" {demands[row]:.6g} {limit.unit} is above {limit.value:.6g} {limit.unit}, the controller's {name}; it follows"
-                f" no such set-point and opens the clutch: ask for less, or give it another {name}"
+                f" {demands[row]:.6g} {limit.unit} is above {limit.value:.6g} {limit.unit}, the controller's {name}; it"
+                f" would open the clutch at such a set-point: reduce the demand, or change {name}"
             )
 
 

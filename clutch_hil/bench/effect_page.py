@@ -43,7 +43,7 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
 
     text, count = _PART.subn(rewrite_part, text)
     if not count:
-        raise InputError("it has no parts to write; a part is between <!-- begin PART --> and <!-- end -->")
+        raise InputError("the page has no parts to write; a part is between <!-- begin PART --> and <!-- end -->")
     return text
 
 

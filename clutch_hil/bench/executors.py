@@ -33,7 +33,7 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
     if address is not None:
         if workers is not None:
             raise InputError(
-                f"workers = {workers} and a cluster at {address} were given; the cluster has its own workers"
+                f"workers = {workers} and a cluster at {address} were both given; a cluster has its own workers"
             )
         try:
             client = _import_dask(address).Client(address, timeout=10)
@@ -96,7 +96,7 @@ def compute(
         ""
         if len(left) < len(cases)
         else (
-            '; none was begun: worker processes load the script, so call this below `if __name__ == "__main__":`, in a file'
+            '; none was started: worker processes load the script, so call this below `if __name__ == "__main__":`, in a file'
         )
     )
     raise InputError(f"workers died {_TRIES} times; {len(left)} of {len(cases)} cases are not computed{script}")

@@ -74,7 +74,7 @@ def describe_exposure(listeners: Iterable[Listener]) -> tuple[str, bool | None]:
         rest = f" and {len(exposed) - _SHOWN} more" if len(exposed) > _SHOWN else ""
         return f"reached by others without a certificate: {'; '.join(map(str, exposed[:_SHOWN]))}{rest}", False
     if not there:
-        return "no process of a bench listens", None
+        return "no process of a bench listens on the network", None
     beyond = sum(not is_loopback(listener.address) for listener in there)
     return f"{len(there)} sockets, {beyond} of them beyond this machine, with certificates", True
 

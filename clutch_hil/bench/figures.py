@@ -41,7 +41,9 @@ def draw_run(run: Run, title: str = "") -> Figure:
         columns = {name: np.where(np.isinf(values), np.nan, values) for name, values in run.columns.items()}
         figure: Figure = rig.sheet(columns, title, injected).finish()
     except KeyError as error:
-        raise InputError(f"the run lacks the column {error}, which is drawn of a run of the rig {rig.name}") from None
+        raise InputError(
+            f"the run lacks the column {error}, which the picture of a run of the rig {rig.name} needs"
+        ) from None
     return figure
 
 
@@ -67,7 +69,7 @@ def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
     numbers = [name for name in table.column_names if pa.types.is_floating(table.schema.field(name).type)]
     measures = [name for name in numbers if name not in parameters]
     if y not in measures:
-        raise InputError(f"the sweep has no measure {y!r} that is a number; {suggest_closest(y, measures)}")
+        raise InputError(f"the sweep has no numeric measure {y!r}; {suggest_closest(y, measures)}")
     values = np.array(table[y], dtype=float)
     known = np.isfinite(values)
     points = np.array([np.array(table[name], dtype=float) for name in names])[:, known]

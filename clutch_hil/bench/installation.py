@@ -38,7 +38,7 @@ class Installation:
 
     def __init__(self, root: Path) -> None:
         if not root.is_dir():
-            raise InputError(f"folder {root} does not exist; it is the root of the files that are installed")
+            raise InputError(f"folder {root} does not exist; it must be the root folder for the installed files")
         self.root = root.resolve()
         self._live = self.root == Path("/")
 
@@ -103,7 +103,7 @@ class Installation:
             if purge or not _has_files(self.root / RECORDINGS):
                 removed += [RECORDINGS] if self._remove_folder(RECORDINGS) else []
             else:
-                left[RECORDINGS] = f"it has recordings, and the user {USER} owns them"
+                left[RECORDINGS] = f"it contains recordings of the user {USER}"
             (self.root / NOTE).unlink()
             removed.append(NOTE)
             for folder in sorted(note["folders"], key=len, reverse=True):
@@ -129,11 +129,11 @@ class Installation:
     def _check_place(self, path: Path, files: Mapping[str, str], links: Mapping[str, str], overwrite: bool) -> None:
         there = self.root / path
         if there.is_dir() and not there.is_symlink():
-            raise InputError(f"{there} is a folder, and a file of that name is to be installed")
+            raise InputError(f"{there} is a folder, but a file of that name must be installed")
         if overwrite or not (there.exists() or there.is_symlink()) or str(path) in links:
             return
         if str(path) not in files:
-            raise InputError(f"file {there} exists, and clutch-hil has not written it; --overwrite replaces it")
+            raise InputError(f"file {there} exists, but clutch-hil has not written it; --overwrite replaces it")
         if _hash(there.read_bytes()) != files[str(path)]:
             raise InputError(f"file {there} was changed since it was installed; --overwrite replaces it")
 

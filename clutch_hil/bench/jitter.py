@@ -109,7 +109,7 @@ def _run_in_turn(
                         if not stop.asked:  # after a stop request the error is only its consequence
                             raise
                     if not done:
-                        stop.check(f"nothing had been measured; nothing was written, {describe_keeping()}")
+                        stop.check(f"nothing was measured or written; {describe_keeping()}")
                     done += 1
                     progress(done, total)
     finally:

@@ -42,7 +42,7 @@ def measure_cyclictest(setting: Setting, measured: Measurements, stop: Stop) -> 
         return
     measured.witness.append((witness[1] - witness[0]) / 1e3)
     if process.returncode:
-        raise InputError(f"cyclictest failed: {(process.stderr.strip().splitlines() or ['it said nothing'])[-1]}")
+        raise InputError(f"cyclictest failed: {(process.stderr.strip().splitlines() or ['no message'])[-1]}")
     lines = [line.split() for line in process.stdout.splitlines() if line[:1].isdigit()]
     counts = np.array([(int(us), int(count)) for us, count in lines])
     wake = np.repeat(counts[:, 0] + 0.5, counts[:, 1])  # centre of a bin of 1 us

@@ -19,7 +19,7 @@ _SERVICES = ("plant", "controller")
 _FOOTPRINT_COLUMNS = ("page faults plant", "controller", "collections", "threads")
 _PERCENTILES = ("p50", "p99", "p99.9", "p99.99", "max")
 # Rating of a machine by the p99.9 of the wake-up [us], in the bands of LinuxCNC's latency test, which takes the maximum
-BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
+BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: sometimes late at 1 kHz"))
 UNUSABLE = "unusable for a fixed rate"
 KNEE = 0.002  # largest share of late cycles at which the loop still keeps a rate
 MOST_UNEXPLAINED = 100.0  # unexplained late cycles per million: more give a bad verdict
@@ -170,7 +170,7 @@ def sweep_document(
 def sweep_text(measurement: Mapping[str, Any]) -> str:
     """Format the table by rate of `sweep_document`."""
     rows: list[tuple[str, ...]] = [
-        ("begun by", "rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99",
+        ("trigger", "rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99",
          *_FOOTPRINT_COLUMNS)
     ]  # fmt: skip
     for one in measurement["rates"]:
@@ -192,8 +192,8 @@ def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
         return "interrupted: what was measured so far is printed", False
     if not knee:
         return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
-    rates = " and ".join(f"{rate} Hz begun by the {trigger}" for trigger, rate in knee.items())
-    return f"up to {rates} at most {100.0 * KNEE:g} % of the cycles are late", True
+    rates = " and ".join(f"{rate} Hz with trigger {trigger}" for trigger, rate in knee.items())
+    return f"up to {rates}, at most {100.0 * KNEE:g} % of the cycles are late", True
 
 
 def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
@@ -209,7 +209,8 @@ def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     )
     good = unexplained <= MOST_UNEXPLAINED
     return (
-        f"this machine is {band} (wake-up p99.9 {tail:.0f} us); {unexplained:.0f} late cycles a million are not the machine's",
+        f"this machine is {band} (wake-up p99.9 {tail:.0f} us); {unexplained:.0f} late cycles per million are not"
+        " caused by the machine",
         good,
     )
 
@@ -236,11 +237,11 @@ def draw(setting: Setting, measured: Mapping[str, Measurements], path: Path) -> 
         left.set(
             xscale="log",
             yscale="log",
-            xlabel="us (what is less is shown as 0.1)",
+            xlabel="us (smaller values are shown as 0.1)",
             ylabel="share of cycles",
             title=what_it_is,
         )
-        right.set(xscale="log", yscale="log", xlabel="us", ylabel="share that is later", title=f"{what_it_is}: tail")
+        right.set(xscale="log", yscale="log", xlabel="us", ylabel="share of later cycles", title=f"{what_it_is}: tail")
         for axes in (left, right):
             axes.grid(alpha=0.3)
         right.legend(fontsize=8, loc="upper right")

@@ -30,7 +30,7 @@ class Limit:
             raise InputError(f"limit {self.measure} has neither least nor most; one of them is needed, in {known.unit}")
         elif self.least is not None and self.most is not None and self.least > self.most:
             raise InputError(
-                f"limit {self.measure} has least = {self.least:g} above most = {self.most:g}; none would hold"
+                f"limit {self.measure} has least = {self.least:g} above most = {self.most:g}; no value would be allowed"
             )
 
     def __str__(self) -> str:

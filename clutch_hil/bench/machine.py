@@ -15,7 +15,7 @@ _CPU = Path("/sys/devices/system/cpu")
 _CAN_TYPE = "280"  # ARPHRD_CAN (linux/if_arp.h)
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC of timex.status (linux/timex.h)
 _TIMEX_BYTES, _TIMEX_STATUS = 208, 40  # size of struct timex, and offset of `status` in it, on 64-bit machines
-_BOOT = "add {} to GRUB_CMDLINE_LINUX in /etc/default/grub, sudo update-grub, and start anew"
+_BOOT = "add {} to GRUB_CMDLINE_LINUX in /etc/default/grub, sudo update-grub, and restart"
 
 
 class Fact(NamedTuple):
@@ -46,7 +46,7 @@ def _read(path: Path | str) -> str | None:
 def _check_kernel() -> Fact:
     preemptible = "PREEMPT_RT" in platform.version() or _read("/sys/kernel/realtime") == "1"
     state = f"Linux {platform.release()}, {'PREEMPT_RT' if preemptible else 'not PREEMPT_RT'}"
-    return Fact("kernel", state, preemptible, "sudo apt-get install linux-image-rt-amd64, and start it")
+    return Fact("kernel", state, preemptible, "sudo apt-get install linux-image-rt-amd64, and boot it")
 
 
 def _check_isolation() -> Fact:
@@ -88,7 +88,7 @@ def _check_throttling() -> Fact:
 
 
 def _check_huge_pages() -> Fact:
-    modes = _read("/sys/kernel/mm/transparent_hugepage/enabled") or "not there"
+    modes = _read("/sys/kernel/mm/transparent_hugepage/enabled") or "not available"
     chosen = modes.partition("[")[2].partition("]")[0] or modes
     remedy = "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled"
     return Fact("transparent huge pages", chosen, chosen != "always", remedy)
@@ -98,31 +98,38 @@ def _check_clock_source() -> Fact:
     source = _read("/sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
     good = source in ("tsc", "arch_sys_counter", "kvm-clock")
     return Fact(
-        "clock source", source, good, "choose one that is read without the kernel: clocksource=tsc at the start"
+        "clock source", source, good, "choose one that is read without the kernel, by the boot option clocksource=tsc"
     )
 
 
 def _check_hypervisor() -> Fact:
     virtual = " hypervisor" in (_read("/proc/cpuinfo") or "")
-    state = "virtual: stalls of the host look like late cycles" if virtual else "bare metal"
-    return Fact("machine", state, not virtual, "use a machine of your own where tails matter")
+    state = "virtual: pauses by the host appear as late cycles" if virtual else "bare metal"
+    return Fact("machine", state, not virtual, "use a physical machine if the worst latencies matter")
 
 
 def _check_time_of_day() -> Fact:
     """Check whether the clock that stamps logged changes is synchronised (NTP, PTP)."""
     timex = ctypes.create_string_buffer(_TIMEX_BYTES)  # no modes set: the call only reads
     if ctypes.CDLL(None, use_errno=True).adjtimex(timex) < 0:
-        return Fact("time of day", "cannot be asked for", None)
+        return Fact("time of day", "cannot be read", None)
     status = int.from_bytes(timex.raw[_TIMEX_STATUS : _TIMEX_STATUS + 4], "little")
     kept = not status & _UNSYNCHRONISED
-    state = "kept by a time server" if kept else "not kept by a time server: logs of several machines do not match"
+    state = (
+        "synchronised to a time server"
+        if kept
+        else "not synchronised to a time server: logs of several machines do not match"
+    )
     return Fact("time of day", state, kept, "sudo timedatectl set-ntp true")
 
 
 def _check_can_interfaces() -> Fact:
     there = sorted(p.parent.name for p in Path("/sys/class/net").glob("*/type") if _read(p) == _CAN_TYPE)
     down = [name for name in there if not int(_read(f"/sys/class/net/{name}/flags") or "0", 16) & 1]  # IFF_UP
-    state = ", ".join(f"{name} (down)" if name in down else name for name in there) or "none; local:NAME stands in"
+    state = (
+        ", ".join(f"{name} (down)" if name in down else name for name in there)
+        or "none; local:NAME can be used instead"
+    )
     remedy = "sudo modprobe vcan && sudo ip link add dev vcan0 type vcan && sudo ip link set vcan0 up"
     if down:
         remedy = f"sudo ip link set {down[0]} up"
@@ -131,7 +138,7 @@ def _check_can_interfaces() -> Fact:
 
 def _check_network() -> Fact:
     state, good = describe_exposure(list_listeners())
-    return Fact(NETWORK, state, good, "end that process, or give it a file of: clutch-hil secure")
+    return Fact(NETWORK, state, good, "end that process, or start it with a file of `clutch-hil secure`")
 
 
 def _check_units() -> Fact:

@@ -285,34 +285,34 @@ MEASURES: Mapping[str, Measure] = {
     "max_torque_error_share": Measure(
         "1", "largest error over the highest demand", lambda c: _compute_share(_compute_largest_error(c), c)
     ),
-    "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _find_highest(_compute_magnitude(c))),
+    "peak_torque_nm": Measure("Nm", "largest torque in either direction", lambda c: _find_highest(_compute_magnitude(c))),
     "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _find_highest(_compute_pressure(c))),
     "final_pressure_bar": Measure("bar", "pressure at the end", lambda c: float(_compute_pressure(c)[-1])),
     "pressure_error_bar": Measure("bar", "mean error of the pressure in slip control", _compute_pressure_error),
     "pressure_bandwidth_hz": Measure("Hz", "where the pressure follows a multisine with -3 dB", _compute_pressure_bandwidth),
     "longest_fill_s": Measure("s", "longest time in fill", _compute_longest_fill),
     "held_torque_spread_nm": Measure(
-        "Nm", "highest less lowest torque at the ends of the engagements", _compute_held_torque_spread
+        "Nm", "highest minus lowest torque at the ends of the engagements", _compute_held_torque_spread
     ),
     "torque_loop_nm": Measure(
-        "Nm", "torque at falling less that at rising pressure, at equal pressure", _compute_pressure_loop
+        "Nm", "torque at falling minus torque at rising pressure, at equal pressure", _compute_pressure_loop
     ),
-    "slip_loop_nm": Measure("Nm", "torque at falling less that at rising slip, at equal slip", _compute_slip_loop),
+    "slip_loop_nm": Measure("Nm", "torque at falling minus torque at rising slip, at equal slip", _compute_slip_loop),
     "torque_over_slip_nm": Measure(
-        "Nm", "torque at fast less that at slow slip, tenths of its span", _compute_torque_over_slip
+        "Nm", "torque at fast minus torque at slow slip, in the outer tenths of its range", _compute_torque_over_slip
     ),
     "peak_temperature_degc": Measure(
         "degC", "highest measured oil temperature", lambda c: _find_highest(c["oil_temperature_degc"])
     ),
     "friction_level": Measure("1", "adapted level of the friction when slip control ends", _compute_level),
-    "estimate_error_nm": Measure("Nm", "largest error of the estimate, away from a turn of the slip", _compute_estimate_error),
-    "turning_error_nm": Measure("Nm", "largest error of the estimate in the 30 ms after such a turn", _compute_turning_error),
-    "locked_s": Measure("s", "time for which the clutch is locked: plates that stand in the phase lock", _compute_locked_time),
-    "locking_time_s": Measure("s", "longest time from the begin of lock until the plates stand", _compute_locking_time),
-    "stopping_time_s": Measure("s", "longest time from the end of the fill until the plates stand", _compute_stopping_time),
-    "stopping_spread_s": Measure("s", "longest less shortest of these times", _compute_stopping_spread),
-    "held_angle_rad": Measure("rad", "largest turn of a locked clutch after its plates stand", _compute_held_angle),
-    "breakaway_torque_nm": Measure("Nm", "highest torque at which plates that stand begin to slide", _compute_breakaway),
-    "fault": Measure("", "why the controller is in fault", _name_fault, list_faults),
-    "fault_time_s": Measure("s", "when the controller first is in fault", _compute_fault_time),
+    "estimate_error_nm": Measure("Nm", "largest error of the estimate, not near a slip reversal", _compute_estimate_error),
+    "turning_error_nm": Measure("Nm", "largest error of the estimate in 30 ms after a slip reversal", _compute_turning_error),
+    "locked_s": Measure("s", "time for which the clutch is locked: plates at rest in the phase lock", _compute_locked_time),
+    "locking_time_s": Measure("s", "longest time from the start of lock until the plates are at rest", _compute_locking_time),
+    "stopping_time_s": Measure("s", "longest time from the end of fill until the plates are at rest", _compute_stopping_time),
+    "stopping_spread_s": Measure("s", "longest minus shortest of these times", _compute_stopping_spread),
+    "held_angle_rad": Measure("rad", "largest rotation of a locked clutch after its plates came to rest", _compute_held_angle),
+    "breakaway_torque_nm": Measure("Nm", "highest torque at which plates at rest begin to slide", _compute_breakaway),
+    "fault": Measure("", "reason of the controller's fault", _name_fault, list_faults),
+    "fault_time_s": Measure("s", "time of the controller's first fault", _compute_fault_time),
 }  # fmt: skip

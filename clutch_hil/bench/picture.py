@@ -69,7 +69,7 @@ def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
     if np.any(standing):
         capacity = np.where(standing, columns["controller_capacity_nm"], np.nan)
         axes.fill_between(
-            time, -capacity, capacity, color=palette.DEMAND, alpha=0.15, lw=0, label="capacity, plates stand"
+            time, -capacity, capacity, color=palette.DEMAND, alpha=0.15, lw=0, label="capacity, plates at rest"
         )
         high = max(high, 1.05 * float(np.nanmax(capacity)))
     axes.set_ylim(low, high)

@@ -150,16 +150,16 @@ MEASURES: Mapping[str, Measure] = {
     "torque_peak": Measure(
         "1", "highest rise of the output torque in the hand-over, share of the torque before", _compute_peak
     ),
-    "tie_up_nm": Measure("Nm", "strongest torque of a clutch against its gear in the hand-over: both hold", _compute_tie_up),
-    "shift_time_s": Measure("s", "from the hand-over's begin until a is open and b is synchronous", _compute_shift_time),
+    "tie_up_nm": Measure("Nm", "largest torque of a clutch against its gear in the hand-over; both hold", _compute_tie_up),
+    "shift_time_s": Measure("s", "from the start of the hand-over until a is open and b is synchronous", _compute_shift_time),
     "heat_a_j": Measure("J", "friction heat of clutch a in the hand-over", lambda c: _compute_heat(c, "a")),
     "heat_b_j": Measure("J", "friction heat of clutch b in the hand-over", lambda c: _compute_heat(c, "b")),
     "peak_temperature_a_degc": Measure("degC", "highest oil temperature of clutch a", lambda c: _compute_hottest(c, "a")),
     "peak_temperature_b_degc": Measure("degC", "highest oil temperature of clutch b", lambda c: _compute_hottest(c, "b")),
     "locked_s": Measure("s", "time for which clutch b is locked", _compute_locked_time),
-    "locking_time_s": Measure("s", "from the begin of lock until the plates of clutch b stand", _compute_locking_time),
+    "locking_time_s": Measure("s", "from the start of lock until the plates of clutch b are at rest", _compute_locking_time),
     "lock_up_peak": Measure(
         "1", "highest rise of the output torque in the lock-up, share of the torque before", _compute_lock_up_peak
     ),
-    "fault": Measure("", "why a controller is in fault", _name_fault, list_faults),
+    "fault": Measure("", "reason of a controller's fault", _name_fault, list_faults),
 }  # fmt: skip

@@ -29,7 +29,7 @@ class Recovered:
 
     def __str__(self) -> str:
         if self.file is None:
-            return f"{self.journal} had {self.samples} samples, no run; it was removed"
+            return f"{self.journal} had {self.samples} samples, too few for a run; it was removed"
         if self.was_complete:
             return f"{self.file} was complete; its journal was removed"
         return f"recovered {self.file}: {self.samples} samples, {self.seconds:.3f} s of a run whose recorder was killed"
@@ -106,7 +106,7 @@ def _write(rows: JournalReader, run: Path, truth: Path | None) -> Recovered:
     if not names:  # its writer ended before it wrote any row
         return Recovered(rows.path, None)
     if "time_s" not in names:
-        raise InputError(f"journal {rows.path} is none of a run: it lacks the column time_s")
+        raise InputError(f"journal {rows.path} is not that of a run: it lacks the column time_s")
     at = names.index("time_s")
     with SealedWriter(run, rows.columns, truth) if truth else RunWriter(run, rows.columns) as writer:
         for piece in rows:

@@ -68,7 +68,10 @@ class Result:
         if timing and timing["interrupted"]:
             why, good = f"interrupted after {seconds:.1f} s", self.good and not self.judgements
         elif had_process_fault(metadata, PLANT_KILLED):
-            why, good = f"ended after {seconds:.1f} s, as the plant was killed", self.good and bool(self.judgements)
+            why, good = (
+                f"ended after {seconds:.1f} s, because the plant was killed",
+                self.good and bool(self.judgements),
+            )
         else:
             return self
         verdict = f"{why}; {self.verdict}"
@@ -99,7 +102,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     if fault != "none":
         verdict = faults.verdict or f"fault: {fault}"
     elif locked == 0.0:
-        verdict = "the clutch was to be locked and its plates never stood"
+        verdict = "the clutch was to be locked, but its plates never stopped"
     elif reached:
         verdict = _describe_following(course, highest := find_highest_demand(columns))
         verdict += _describe_limited(columns) if course.regime_error > _POOR_SHARE * highest else ""
@@ -115,7 +118,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     elif _stays_idle(columns):
         verdict, good = f"the clutch never closed: {WAITS_FOR_IDLE}", False
     else:
-        verdict = "no torque was asked for"
+        verdict = "no torque was demanded"
     picture = path.with_suffix(".png")
     document = {
         "run": str(path),
@@ -167,8 +170,8 @@ def _describe_limited(columns: Mapping[str, np.ndarray]) -> str:
     if share <= _LIMITED_SHARE:
         return ""
     return (
-        f"; in {100.0 * share:.0f} % of the samples with a demand the controller was at its limit of pressure or"
-        " voltage (torque.pressure_limit, pressure.voltage_limit)"
+        f"; in {100.0 * share:.0f} % of the samples with a demand the controller was at its pressure or voltage"
+        " limit (torque.pressure_limit, pressure.voltage_limit)"
     )
 
 

@@ -63,7 +63,7 @@ class Rig:
         measures: Mapping[str, Measure] = self._load_part(self.measures_at)
         if not isinstance(measures, Mapping) or not all(isinstance(one, Measure) for one in measures.values()):
             raise InputError(
-                f"rig {self.name}: {self.measures_at} is no table of measures by name, each a Measure(...)"
+                f"rig {self.name}: {self.measures_at} is not a table of measures by name, each a Measure(...)"
             )
         return measures
 
@@ -178,7 +178,7 @@ def find_rig_of_run(run: Run) -> Rig:
     """Return the rig named in the metadata of a run; the wet clutch where none is named, as in a CSV. Raises InputError."""
     name = run.metadata.get("rig", DEFAULT_RIG)
     if not isinstance(name, str):
-        raise InputError(f"the metadata of the run name the rig {name!r}; the name of a rig is needed")
+        raise InputError(f"the metadata of the run have rig = {name!r}; the name of a rig is needed")
     return find_rig(name)
 
 

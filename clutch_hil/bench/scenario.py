@@ -149,7 +149,7 @@ def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
     loaded = load_scenario(name, settings)
     if rig not in (None, loaded.rig.name):
         raise InputError(
-            f"scenario {name} is of the rig {loaded.rig.name}, and --rig {rig} was given; allowed is one of them"
+            f"scenario {name} is for the rig {loaded.rig.name}, but --rig {rig} was given; leave one of them out"
         )
     return loaded
 
@@ -180,7 +180,7 @@ def _read_plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSe
             if name in BUS_FAULTS:
                 raise InputError(f"effects.{name} is a fault of the bus; it is allowed in [[inject]], as bus_fault")
             if any(entry.startswith(f"{prefix}{name}.") for entry in given):
-                raise InputError(f"effect {prefix}{name} is in [plant] and in [effects]; allowed is one of them")
+                raise InputError(f"effect {prefix}{name} is in both [plant] and [effects]; only one of them is allowed")
             plant = plant.with_values(_add_prefix(prefix, switch_on(name, part.read_subtable(name).read_numbers())))
     return load_overlay(changed, plant, rig=rig.name) if changed else plant
 
@@ -190,7 +190,7 @@ def _read_injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
         if set(entry) & set(_BENCH_ENTRIES):
             continue
         if "signal" in entry:
-            raise InputError(f"{entry.name} has signal without process; name the process")
+            raise InputError(f"{entry.name} has signal without process; add process")
         prefix = ""
         if rig.plant.clutches and set(entry) & {"effect", "freeze", "bias"}:
             if (clutch := entry.need("clutch", str)) not in rig.plant.clutches:
@@ -211,7 +211,7 @@ def _read_bench_faults(table: TomlTable, rig: Rig) -> Iterator[BenchFault]:
             continue
         kind, beside = kinds[0], ("at", "until", *_BENCH_ENTRIES[kinds[0]])
         if stray := sorted(set(entry) - {kind, *beside}):
-            raise InputError(f"{entry.name} has {kind} and {stray[0]}; allowed beside it are {join_names(beside)}")
+            raise InputError(f"{entry.name} has {kind} and {stray[0]}; allowed with it are {join_names(beside)}")
         at, until, name = entry.need("at", float), entry.get("until", float, inf), entry.need(kind, str)
         if name in CONTROLLERS and name not in rig.plant.controllers:
             raise InputError(f"{entry.name}.process is {name!r}; the rig {rig.name} has one controller")
@@ -229,17 +229,19 @@ def _read_changes(entry: TomlTable) -> dict[str, float]:
     values: dict[str, float] = {}
     switched = [key for key in ("effect", "bus_fault") if key in entry]
     if len(switched) == 2:
-        raise InputError(f"{entry.name} has effect and bus_fault; allowed is one of them")
+        raise InputError(f"{entry.name} has both effect and bus_fault; only one of them is allowed")
     if switched:
         name, off = entry.get(switched[0], str), entry.get("off", bool, False)
         if (name in BUS_FAULTS) != (switched == ["bus_fault"]):
             known = BUS_FAULTS if switched == ["bus_fault"] else load_effects()
             raise InputError(f"{entry.name}.{switched[0]} is {name!r}; {suggest_closest(name, known)}")
         if off and "values" in entry:
-            raise InputError(f"{entry.name} has off and values of {switched[0]} {name}; allowed is one of them")
+            raise InputError(
+                f"{entry.name} has both off and values of {switched[0]} {name}; only one of them is allowed"
+            )
         values |= switch_off(name) if off else switch_on(name, entry.read_subtable("values").read_numbers())
     elif stray := [key for key in ("values", "off") if key in entry]:
-        raise InputError(f"{entry.name} has {stray[0]} without effect; name the effect")
+        raise InputError(f"{entry.name} has {stray[0]} without effect; add effect")
     if "freeze" in entry:
         values |= freeze_sensor(entry.get("freeze", str))
     for sensor, bias in entry.read_subtable("bias").read_numbers().items():

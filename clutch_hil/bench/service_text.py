@@ -31,16 +31,18 @@ def format_service(name: str, service: dict[str, Any]) -> list[str]:
     lines += [f"{'':<12} note: {text}" for text in _describe_rejections(service)]
     if clock and clock["late"] + clock["skipped"] > _NOTED_LATE_SHARE * clock["slots"]:
         share_text = f"{100 * _NOTED_LATE_SHARE:g} %"
-        lines.append(f"{'':<12} note: more than {share_text} late or skipped: timing of this run was disturbed")
+        lines.append(f"{'':<12} note: more than {share_text} late or skipped: the timing of this run was disturbed")
     # at least one second of samples: a separate plant that continued after its profile
     if clock and service.get("samples", 0) > clock["slots"] + service["rate_hz"]:
         later = service["samples"] - clock["slots"]
-        lines.append(f"{'':<12} note: cycles are those of the profile; {format_count(later, 'sample')} came after it")
+        lines.append(
+            f"{'':<12} note: cycles are those of the profile; {format_count(later, 'sample')} followed after it"
+        )
     if any((footprint := service.get("footprint") or {}).get(what) for what in _UNWANTED_COUNTS):
         counts = ", ".join(
             f"{footprint[what]} {what.replace('_', ' ')}" for what in _UNWANTED_COUNTS if footprint[what]
         )
-        lines.append(f"{'':<12} note: in the loop there were {counts}")
+        lines.append(f"{'':<12} note: counted during the loop: {counts}")
     lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
     if service["telemetry"] not in ("ended", "off"):
         lines.append(f"{'':<12} note: telemetry {service['telemetry']}")

@@ -81,7 +81,7 @@ class Services:
                 if name in missing and not line.startswith(IGNORED_PREFIXES):
                     tell(f"{name}: {line}")
             self.check()
-            stop.check(f"the services had not started; nothing was written, {describe_keeping()}")
+            stop.check(f"the services had not started; nothing was written; {describe_keeping()}")
             for name in missing:
                 if now - last_heard[name] > _START_TIMEOUT:
                     raise InputError(_describe_silence(name, last_line[name]))
@@ -121,7 +121,7 @@ class Services:
                     continue  # its verdict is bad, or it ended by itself just before the request
                 if code is not None and code < 0:
                     raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
-                lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+                lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["no message"]
                 raise InputError(f"the {name} stopped: {lines[-1].removeprefix('error: ')}")
 
     def end(self) -> dict[str, Any]:
@@ -172,8 +172,8 @@ def print_line(line: str) -> None:
 def _describe_silence(name: str, last: str) -> str:
     """Return why the wait for a service that has not started was ended."""
     busy, cpus = os.getloadavg()[0], len(os.sched_getaffinity(0))
-    last_words = f"after it said {last!r}" if last else "after it was begun, and it said nothing"
+    last_words = f"after its last message {last!r}" if last else "after its launch, without any message"
     return (
-        f"the {name} had not started {_START_TIMEOUT:g} s {last_words} (limit {_START_TIMEOUT:g} s without a word);"
-        f" its record was waited for; the machine has a load of {busy:.1f} on {cpus} CPUs"
+        f"the {name} had not started {_START_TIMEOUT:g} s {last_words} (limit {_START_TIMEOUT:g} s without a message);"
+        f" its record did not appear; the machine has a load of {busy:.1f} on {cpus} CPUs"
     )

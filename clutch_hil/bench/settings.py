@@ -92,7 +92,7 @@ def take_settings(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the given settings that are not None, as RunSettings take them. Raises InputError for another type."""
     settings = {name: value for name, value in given.items() if value is not None}
     if unknown := [name for name in settings if name not in _ARGUMENTS]:
-        raise InputError(f"{unknown[0]!r} is no setting of a run; {suggest_closest(unknown[0], _ARGUMENTS)}")
+        raise InputError(f"{unknown[0]!r} is not a setting of a run; {suggest_closest(unknown[0], _ARGUMENTS)}")
     return {name: _TAKEN[name](name, value) if name in _TAKEN else value for name, value in settings.items()}
 
 

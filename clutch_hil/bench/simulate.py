@@ -66,8 +66,8 @@ class Simulation:
         settings, rig = self.scenario.settings, self.scenario.rig.plant
         if faults := self.scenario.bench_faults:
             raise InputError(
-                f"the scenario {self.scenario.name} has the fault {faults[0].what!r}, and a simulation has one process and no"
-                " network; allowed is clutch-hil up"
+                f"the scenario {self.scenario.name} has the fault {faults[0].what!r}, but a simulation has one process and no"
+                " network; use clutch-hil up"
             )
         node = rig.make_node(
             settings.rate, plant, self.profile, seed, settings.temperature,
@@ -81,5 +81,5 @@ def _check_size(duration: float, rate: int) -> None:
     if (samples := round(duration * rate)) > _MOST_SAMPLES:
         raise InputError(
             f"a simulation of {duration:g} s, {samples} samples, does not fit into memory; allowed are {_MOST_SAMPLES};"
-            " clutch-hil up --lockstep writes while it runs"
+            " clutch-hil up --lockstep writes longer runs to the file while it runs"
         )

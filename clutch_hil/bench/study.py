@@ -54,7 +54,7 @@ def sweep(
     Raises InputError for a run that is not possible, before any run is computed.
     """
     if "seed" in settings:
-        raise InputError(f"a sweep was given seed = {settings['seed']!r}; allowed is seeds, such as seeds=(1, 2)")
+        raise InputError(f"seed = {settings['seed']!r} is not an argument of a sweep; use seeds, such as seeds=(1, 2)")
     if progress is not None:
         take_function("progress", progress)
     rows = [take_mapping("a sample", sample) for sample in take_list("samples", samples)]
@@ -67,7 +67,8 @@ def sweep(
     names = list(rows[0])
     if odd := next((row for row in rows if row.keys() != rows[0].keys()), None):
         raise InputError(
-            f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all need the same"
+            f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all samples need the"
+            " same parameters"
         )
     if measures is None:
         measures = (*choose_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")

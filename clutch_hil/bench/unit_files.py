@@ -23,7 +23,7 @@ _INTERFACE = re.compile(
     r"[A-Za-z][A-Za-z0-9_]{0,14}"
 )  # the kernel accepts 15 characters; these need no escapes in a unit's name
 _SPECIAL = re.compile(r"[\s%$\"'\\:]")  # special characters of systemd, in commands and paths
-_PLAIN = "paths without blanks, quotes, :, % and $"
+_PLAIN = "paths without spaces, quotes, :, % and $"
 _HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user")))  # hidden by ProtectHome=
 _TEMPORARY = tuple(map(Path, ("/tmp", "/var/tmp", "/dev/shm")))
 _BITRATES = (10_000, 1_000_000)  # bit/s, range of classic CAN
@@ -76,7 +76,7 @@ def check_program(program: Program) -> Program:
             raise InputError(f"path {str(path)!r} cannot be in a unit; allowed are {_PLAIN}")
         if any(path.is_relative_to(folder) for folder in _TEMPORARY):
             raise InputError(
-                f"{path} is temporary, and units do not see it; set up the project elsewhere, such as in /opt"
+                f"{path} is a temporary folder, which units cannot see; set up the project elsewhere, such as in /opt"
             )
         if path.stat().st_mode & _READABLE != _READABLE:
             raise InputError(f"{path} cannot be read by the user {USER} of the units: chmod -R o+rX {path}")
@@ -87,9 +87,7 @@ def check_settings(settings: BenchSettings) -> BenchSettings:
     """Return `settings` if they are valid for a bench. Raises InputError."""
     bus = settings.bus
     if not _INTERFACE.fullmatch(bus):
-        raise InputError(
-            f"bus {bus!r} is no CAN interface that units can have; allowed are names such as vcan0 and can0"
-        )
+        raise InputError(f"bus {bus!r} is not a CAN interface for units; allowed are names such as vcan0 and can0")
     check_cpu(settings.cpu)
     low, high = _BITRATES
     if not low <= settings.bitrate <= high:
@@ -116,7 +114,7 @@ def _check_visible(path: Path, what: str) -> None:
     if _SPECIAL.search(str(path)):
         raise InputError(f"{what} cannot be in bench.conf; allowed are {_PLAIN}")
     if hidden := next((one for one in (*_HIDDEN, *_TEMPORARY) if path.is_relative_to(one)), None):
-        raise InputError(f"{what} is below {hidden}, which units do not see; move it, such as into /etc/clutch-hil")
+        raise InputError(f"{what} is below {hidden}, which units cannot see; move it, such as into /etc/clutch-hil")
     if not os.path.exists(path):
         raise InputError(f"{what} does not exist")
     for one in (path, *path.parents):

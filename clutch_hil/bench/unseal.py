@@ -26,14 +26,14 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     if not (isinstance(seal, dict) and {"file", "sha256"} <= seal.keys()):
         if (truth := make_truth_path(path, folder)).exists():
             raise InputError(
-                f"run {path} has been changed since it was recorded: its seal is missing, though its truth file {truth} exists"
+                f"run {path} has been changed since it was recorded: its seal is missing, but its truth file {truth} exists"
             )
         raise InputError(f"run {path} is not sealed: it was recorded without --blind")
     truth = (folder or path.parent) / seal["file"]
     if not truth.exists():
         raise InputError(f"truth file {truth} of run {path} does not exist; give its folder with --truth")
     if compute_checksum(truth) != seal["sha256"]:
-        raise InputError(f"truth file {truth} has been changed since the run was recorded: its SHA-256 is another")
+        raise InputError(f"truth file {truth} has been changed since the run was recorded: its SHA-256 differs")
     whole = read_run(truth)
     columns = [name for name in whole.columns if not reveals_truth(name)]
     for name in dict.fromkeys((*run.columns, *columns)):
@@ -43,7 +43,7 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     expected = select_public_metadata(whole.metadata) | {SEAL: seal}
     for name in dict.fromkeys((*run.metadata, *expected)):
         if json.dumps(run.metadata.get(name)) != json.dumps(expected.get(name)):  # compared as text, NaN equals NaN
-            raise _change_error(path, f"what it says under {name}")
+            raise _change_error(path, f"its metadata entry {name}")
     return truth, whole
 
 
@@ -91,4 +91,4 @@ def _list_active_effects(parameters: Mapping[str, float]) -> dict[str, dict[str,
 
 
 def _change_error(path: Path, what: str) -> InputError:
-    return InputError(f"run {path} has been changed since it was recorded: {what} is not as in its truth file")
+    return InputError(f"run {path} has been changed since it was recorded: {what} differs from its truth file")

@@ -66,14 +66,14 @@ class Bench:
             fault.check(resolve(self.bus), self.telemetry)
             if self.lockstep:
                 raise InputError(
-                    f"the scenario has the fault {fault.what!r}, and --lockstep was given, where each waits for the other;"
-                    " allowed is real time"
+                    f"the scenario has the fault {fault.what!r}, which --lockstep does not allow, because there both"
+                    " sides wait for each other; run it in real time"
                 )
         if (celsius := self.scenario.settings.temperature) is not None:
             with name_file_in_errors("scenario", self.scenario.path):
                 convert_initial_temperature(celsius)
         if self.lockstep and self.pace:
-            raise InputError(f"{self.pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
+            raise InputError(f"{self.pace[0]} and --lockstep cannot be combined; lock-step has no clock")
 
     @property
     def label(self) -> Label:
@@ -93,7 +93,7 @@ class Bench:
         try:
             result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
         except InputError as error:
-            raise InputError(f"{error}; the run is whole, in {session.path}") from None
+            raise InputError(f"{error}; the run is complete, in {session.path}") from None
         return result
 
     @contextmanager
@@ -186,7 +186,7 @@ class Bench:
             duration = scenario.duration
             return self.label.read(duration), duration
         if self.lockstep:
-            raise InputError("profile 'manual' cannot be played in lock-step; allowed is real time")
+            raise InputError("profile 'manual' cannot be played in lock-step; run it in real time")
         return f"demand from the bus{self.label.changes}", settings.seconds or inf
 
     def _list_commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
@@ -285,7 +285,7 @@ class Session:
         try:
             ended_services = self._services.list_ended()
             if ended_services and not (self._bench.lockstep or self._services.signalled):
-                raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
+                raise InputError(f"the {ended_services[0]} ended before the end of the profile: somebody stopped it")
         except InputError:
             self._take_rows()  # the last rows are kept as well
             raise

@@ -23,7 +23,7 @@ class ClockStep(HostFault):
         """See `HostFault`."""
         if not has_capability(_SET_TIME):
             raise InputError(
-                "clock_step sets the time of this computer, which this user may not; allowed is a user with CAP_SYS_TIME"
+                "clock_step sets the time of this computer, and this user has no permission; CAP_SYS_TIME is needed"
             )
 
     @classmethod

@@ -100,14 +100,14 @@ def answer_request(faults: BenchFaults, request: Mapping[str, Any]) -> dict[str,
     if not request:
         return {"bus": faults.around.bus, "on": faults.list_on()}
     if (now := faults.now) is None:
-        raise InputError("the bench has no sample yet; ask again in a moment")
+        raise InputError("the bench has no sample yet; try again in a moment")
     times = {name: _read_time(request, name) for name in ("at", "after", "until", "for")}
     for one, other in (("at", "after"), ("until", "for")):
         if times[one] is not None and times[other] is not None:
-            raise InputError(f"{one} and {other} were given; allowed is one of them")
+            raise InputError(f"{one} and {other} were both given; only one of them is allowed")
     at = times["at"] if times["at"] is not None else now + (times["after"] or 0.0)
     if at < now:
-        raise InputError(f"at is {at:g} s, and the run is at {now:.3f} s; allowed are later times")
+        raise InputError(f"at is {at:g} s, but the run is already at {now:.3f} s; allowed are later times")
     until = at + times["for"] if times["for"] is not None else inf if times["until"] is None else times["until"]
     if "process" in request:
         service = str(request["process"])
@@ -117,7 +117,7 @@ def answer_request(faults: BenchFaults, request: Mapping[str, Any]) -> dict[str,
     else:
         values = request.get("values", {})
         if not isinstance(values, dict):
-            raise InputError("values is no table of numbers")
+            raise InputError("values is not a table of numbers")
         fault = PlannedHostFault(str(request.get("host_fault")), values, at=at, until=until)
     faults.plan(fault)
     return {"bus": faults.around.bus, "planned": fault.what, "at": at, "until": None if until == inf else until}
@@ -140,7 +140,7 @@ def _find_answer(connection: socket.socket, answer: Answer) -> Mapping[str, Any]
     try:
         request = parse_message(asked)
         if not isinstance(request, dict):
-            raise InputError("a request for a fault is a JSON object")
+            raise InputError("a request for a fault must be a JSON object")
         return answer(request)
     except InputError as error:
         return {"error": str(error)}

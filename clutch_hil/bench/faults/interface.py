@@ -27,11 +27,11 @@ class InterfaceDown(HostFault):
         """See `HostFault`."""
         if bus.startswith(_LOCAL):
             raise InputError(
-                f"interface_down needs a CAN interface, and the bus is {bus}; allowed there is bus_fault frame_loss"
+                f"interface_down needs a CAN interface, but the bus is {bus}; use bus_fault frame_loss there"
             )
         if not has_capability(_NET_ADMIN):
             raise InputError(
-                f"interface_down takes {bus} down, which this user may not; allowed is a user with CAP_NET_ADMIN"
+                f"interface_down takes {bus} down, and this user has no permission; CAP_NET_ADMIN is needed"
             )
 
     @classmethod

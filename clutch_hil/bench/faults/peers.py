@@ -21,7 +21,7 @@ class NetworkFault(HostFault):
     def check(cls, bus: str, telemetry: bool) -> None:
         """See `HostFault`."""
         if not telemetry:
-            raise InputError(f"{cls.name} needs telemetry, and --no-telemetry was given; allowed is one of them")
+            raise InputError(f"{cls.name} needs telemetry, but --no-telemetry was given; leave one of them out")
 
 
 class RequestFlood(NetworkFault):

@@ -31,7 +31,7 @@ class ProcessFault(BenchFault):
             raise InputError(f"signal is {self.does!r}; allowed are {' and '.join(SIGNALS)}")
         if self.does == "kill" and self.until != inf:
             raise InputError(
-                f"until is {self.until:g} s, and {self.service} is killed: it cannot go on; allowed is none"
+                f"until is {self.until:g} s, and {self.service} is killed and cannot continue; leave until out"
             )
         super().__post_init__()
 

@@ -85,11 +85,11 @@ def test_sound_arguments_of_numpy_and_none_give_the_same_run() -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"seed": 7}, r"^a sweep was given seed = 7; allowed is seeds, such as seeds=\(1, 2\)$"),
+        ({"seed": 7}, r"^seed = 7 is not an argument of a sweep; use seeds, such as seeds=\(1, 2\)$"),
         ({"seeds": "1"}, "seed is '1'"),
         ({"workers": 1.0}, "workers is 1.0"),
         ({"workers": True}, "workers is True"),
-        ({"sceonds": 1.0}, "'sceonds' is no setting of a run; did you mean seconds"),
+        ({"sceonds": 1.0}, "'sceonds' is not a setting of a run; did you mean seconds"),
     ],
 )
 def test_a_wrong_argument_of_a_sweep_is_one_sentence(wrong: dict[str, Any], words: str) -> None:
@@ -121,7 +121,7 @@ def test_wrong_ranges_are_refused(ranges: Any) -> None:
 
 
 def test_a_discrepancy_without_candidates_is_refused() -> None:
-    with pytest.raises(ch.InputError, match="without candidates; give names of effects, or None for all"):
+    with pytest.raises(ch.InputError, match="has no candidates; give names of effects, or None for all"):
         ch.find_discrepancy([ch.simulate("engagement", seconds=1.0)], effects=[])
 
 

@@ -110,7 +110,7 @@ def test_the_command_writes_such_a_database(folder: Path) -> None:
     assert again.returncode == 0, again.stderr
     assert "motor_range = 524.288" in again.stdout
     for words, sentence in (
-        (("--torque", "300"), "--torque needs --write, and goes without --dbc and --clutches"),
+        (("--torque", "300"), "--torque needs --write, and cannot be combined with --dbc or --clutches"),
         (
             ("--pressure", "9", "--write", "small.dbc"),
             "a bench of 9 bar is not possible; allowed pressures are 10 to 60 bar",

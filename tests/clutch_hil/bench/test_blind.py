@@ -154,7 +154,7 @@ def test_a_changed_truth_file_is_noticed(run: Path) -> None:
     content = bytearray(truth.read_bytes())
     content[len(content) // 2] ^= 1
     truth.write_bytes(content)
-    with pytest.raises(InputError, match="has been changed since the run was recorded: its SHA-256 is another"):
+    with pytest.raises(InputError, match="has been changed since the run was recorded: its SHA-256 differs"):
         read_truth(run)
 
 
@@ -172,14 +172,14 @@ def test_a_changed_run_is_noticed(run: Path, column: str) -> None:
 def test_changed_metadata_are_noticed(run: Path) -> None:
     table, metadata = read_contents(run)
     pq.write_table(table.replace_schema_metadata(metadata | {b"notes": b'"nothing was injected"'}), run)
-    with pytest.raises(InputError, match="what it says under notes is not as in its truth file"):
+    with pytest.raises(InputError, match="its metadata entry notes differs from its truth file"):
         read_truth(run)
 
 
 def test_the_truth_of_another_run_is_noticed(tmp_path: Path, run: Path, played: tuple[Played, dict]) -> None:
     record(tmp_path / "other.parquet", (played[0], played[1] | {"scenario": "other"}))
     shutil.copy(tmp_path / "other.truth.parquet", tmp_path / "run.truth.parquet")
-    with pytest.raises(InputError, match="SHA-256 is another"):
+    with pytest.raises(InputError, match="SHA-256 differs"):
         read_truth(run)
 
 
@@ -196,7 +196,7 @@ def test_a_missing_seal_is_noticed_where_the_truth_file_is(run: Path, metadata: 
     pq.write_table(read_contents(run)[0].replace_schema_metadata(metadata), run)
     done = CliRunner().invoke(make_application(), ["unseal", str(run)])
     assert isinstance(done.exception, InputError)  # exit code 2
-    assert "has been changed since it was recorded: its seal is missing, though its truth file" in str(done.exception)
+    assert "has been changed since it was recorded: its seal is missing, but its truth file" in str(done.exception)
     run.with_name("run.truth.parquet").rename(run.with_name("away"))
     with pytest.raises(InputError, match="is not sealed"):
         read_truth(run)
@@ -267,7 +267,7 @@ def test_a_blind_plant_tells_what_any_plant_would_refuse_and_hides_why_only_it_d
     with pytest.raises(InputError, match="breaks"):
         make_blind_plant().accept({"friction_level.level": 50.0}, {})
     monkeypatch.setattr("plant_sim.effects.table._check_exclusions", _refuse_exclusive)
-    with pytest.raises(InputError, match="being blind, it does not say why"):
+    with pytest.raises(InputError, match="a blind plant does not give the reason"):
         make_blind_plant().accept({"friction_level.level": 0.5}, {})
 
 

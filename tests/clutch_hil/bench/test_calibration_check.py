@@ -26,7 +26,7 @@ PARAMETERS = {
     "driveline.ratio_a": RATIOS[0],
     "driveline.ratio_b": RATIOS[1],
 }
-OFF, OTHER = "its calibration or the torque sensor is off", "its calibration is of another clutch"
+OFF, OTHER = "its calibration or the torque sensor is off", "its calibration belongs to another clutch"
 # Engagements of 0.25 s that begin at 0 Nm and end under load. Told the calibration of the rig, its estimate is 0.01 Nm off
 SHORT = "time_s,torque_demand_nm,motor_speed_demand_rad_s\n" + "".join(
     f"{0.5 * i + at},{torque},10.47\n"

@@ -237,7 +237,7 @@ def test_a_length_ends_the_log_by_itself(local_bus: str, tmp_path: Path) -> None
 def test_a_silent_bus_leaves_no_file(local_bus: str, tmp_path: Path) -> None:
     with Stop() as stop:
         os.kill(os.getpid(), signal.SIGTERM)
-        with pytest.raises(InterruptionError, match=f"no frame had come on bus {local_bus}; nothing was recorded"):
+        with pytest.raises(InterruptionError, match=f"no frame was received on bus {local_bus}; nothing was recorded"):
             CanLog(local_bus, tmp_path / "wire.blf").record(stop, None, lambda text: None)
     assert list(tmp_path.iterdir()) == []
 

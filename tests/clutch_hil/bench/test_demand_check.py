@@ -40,7 +40,7 @@ def test_demand_above_a_limit_of_the_controller_is_refused(
     scenario = make_scenario(tmp_path, {name: limit})
     with pytest.raises(InputError, match=sentence) as simulated:
         Simulation(scenario)
-    assert f"give it another {name}" in str(simulated.value)
+    assert f"reduce the demand, or change {name}" in str(simulated.value)
     with pytest.raises(InputError, match=sentence), Stop() as stop, Bench(scenario, "auto").start(stop, print):
         pytest.fail("the services were started")
 

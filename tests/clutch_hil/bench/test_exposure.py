@@ -92,4 +92,4 @@ def test_an_exposed_socket_is_told(family: socket.AddressFamily, kind: socket.So
 def test_what_is_loopback() -> None:
     assert all(map(is_loopback, ("127.0.0.1", "127.3.4.5", "::1", "::ffff:127.0.0.1")))
     assert not any(map(is_loopback, ("0.0.0.0", "::", "192.168.1.5", "::ffff:192.168.1.5")))
-    assert describe_exposure([]) == ("no process of a bench listens", None)
+    assert describe_exposure([]) == ("no process of a bench listens on the network", None)

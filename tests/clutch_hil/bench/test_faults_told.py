@@ -83,7 +83,7 @@ def test_a_fault_that_this_version_does_not_know_is_told_by_its_number() -> None
     """Of a controller of a newer version: who records or watches it goes on."""
     watch = FaultWatch(NAMES, RATE)
     (sentence,) = watch.take(np.concatenate([make_row(), make_row(fault=77.0, pressure_bar=2.0)]))[-1:]
-    assert ": fault 77: this version does not know it; pressure 2.00 bar" in sentence.line
+    assert ": fault 77: this version does not know this fault; pressure 2.00 bar" in sentence.line
     (cleared,) = watch.take(make_row())
     assert cleared.name == "none"
 
@@ -101,7 +101,7 @@ def test_what_was_demanded_before_the_first_row_is_not_told() -> None:
         (1.2, "the pressure fell while the clutch was closed (limit 1.5 bar)"),
         (
             3.01,
-            "the pressure signal stood still while the clutch was closed, although its demand changed (limit 0.1 s)",
+            "the pressure signal stayed constant while the clutch was closed, although its demand changed (limit 0.1 s)",
         ),
     ],
 )
@@ -113,7 +113,7 @@ def test_a_pressure_that_stands_still_is_not_told_as_one_that_fell(pressure: flo
     (sentence,) = FaultWatch(NAMES, RATE, parameters).take(came)
     assert f"pressure lost: {why}; " in sentence.line
     (sentence,) = FaultWatch(NAMES, RATE).take(came)
-    assert "fell while the clutch was closed, or its signal stood still" in sentence.line, (
+    assert "fell while the clutch was closed, or its signal stayed constant" in sentence.line, (
         "without the limit it may be either"
     )
     falls = np.concatenate([make_row(pressure_bar=pressure + 0.1), came[1:]])
@@ -127,7 +127,7 @@ def test_a_frozen_pressure_is_told_as_frozen(tmp_path: Path) -> None:
     run = ch.simulate(path)
     watch = watch_run(run.columns, run.metadata["sample_rate_hz"], run.metadata["controller_parameters"])
     assert watch.first
-    assert "the pressure signal stood still" in watch.first.line
+    assert "the pressure signal stayed constant" in watch.first.line
     at = int(np.flatnonzero(run.columns["controller_fault"])[0])
     for column, text in (
         ("pressure_demand_bar", "pressure demand {:.2f} bar"),
@@ -150,7 +150,7 @@ def test_a_controller_keeps_the_first_fault_though_nobody_reads_its_record() -> 
     assert faults.count == 1
     assert faults.first
     assert faults.first.line.startswith("fault at 1.0")
-    assert "stale sensors: no believable sample for 6 cycles (limit 5 cycles)" in faults.first.line
+    assert "stale sensors: no plausible sample for 6 cycles (limit 5 cycles)" in faults.first.line
     assert f"pressure demand {demand:.2f} bar" in faults.first.line
 
 
@@ -239,7 +239,7 @@ def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, t
         out, errors = controller.communicate(timeout=PATIENCE)
     assert controller.returncode == 1
     if telemetry == "--telemetry":
-        assert "stale sensors: no believable sample for 6 cycles (limit 5 cycles); pressure " in errors
+        assert "stale sensors: no plausible sample for 6 cycles (limit 5 cycles); pressure " in errors
     assert "verdict: controller stopped, valve closed; fault at " in out
     assert " cycles, late " in out  # its timing
 

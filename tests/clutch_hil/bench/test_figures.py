@@ -73,7 +73,7 @@ def test_runs_that_cannot_be_measured_are_counted() -> None:
         ("seed", "regime_error_nm", "the sweep has no parameter 'seed'"),
         (["a.b", "a.b"], "regime_error_nm", "allowed are one or two parameters"),
         ([], "regime_error_nm", "drawn over nothing"),
-        ("a.b", "fault", "the sweep has no measure 'fault' that is a number; known are regime_error_nm"),
+        ("a.b", "fault", "the sweep has no numeric measure 'fault'; known are regime_error_nm"),
     ],
 )
 def test_what_cannot_be_drawn_is_said_in_one_sentence(x: Any, y: str, sentence: str) -> None:
@@ -91,6 +91,6 @@ def test_a_run_of_two_clutches_is_drawn_as_its_rig_is() -> None:
 def test_a_run_that_lacks_what_is_drawn_of_its_rig_is_refused() -> None:
     run = ch.Run({"time_s": np.zeros(2)}, {"rig": "power_shift"})
     with pytest.raises(
-        ch.InputError, match=r"the run lacks the column '.*', which is drawn of a run of the rig power_shift"
+        ch.InputError, match=r"the run lacks the column '.*', which the picture of a run of the rig power_shift needs"
     ):
         ch.draw_run(run)

@@ -93,7 +93,7 @@ def test_the_files_of_the_units_are_those_that_processes_read() -> None:
     ("path", "sentence"),
     [
         ("/no/such.dbc", "/no/such.dbc of CLUTCH_HIL_DATABASE does not exist"),
-        ("/root/mine.dbc", "/root/mine.dbc of CLUTCH_HIL_DATABASE is below /root, which units do not see; move it"),
+        ("/root/mine.dbc", "/root/mine.dbc of CLUTCH_HIL_DATABASE is below /root, which units cannot see; move it"),
         (
             "/opt/my lab.dbc",
             "/opt/my lab.dbc of CLUTCH_HIL_DATABASE cannot be in bench.conf; allowed are paths without",
@@ -166,7 +166,7 @@ def test_what_others_changed_is_told_and_left_unless_purged(installed: Path) -> 
     assert code == 0
     assert document["left"] == {
         "etc/clutch-hil/bench.conf": "it was changed since it was installed",
-        "var/lib/clutch-hil": "it has recordings, and the user clutch-hil owns them",
+        "var/lib/clutch-hil": "it contains recordings of the user clutch-hil",
     }
     assert changed.exists()
     assert recording.exists()
@@ -199,7 +199,7 @@ def test_a_file_of_somebody_else_is_not_replaced(root: Path) -> None:
     before = list_files(root)
     code, _, error = run_service(root, "install")
     assert code == 2
-    assert error == f"file {other} exists, and clutch-hil has not written it; --overwrite replaces it"
+    assert error == f"file {other} exists, but clutch-hil has not written it; --overwrite replaces it"
     assert list_files(root) == before
 
 
@@ -217,10 +217,10 @@ def test_a_note_that_names_other_files_is_refused(installed: Path) -> None:
     [
         (("start",), "service 'start' is unknown; allowed are install, status, uninstall"),
         (("uninstall",), "no units of clutch-hil are installed below {root}"),
-        (("install", "--purge"), "--purge was given to service install; it is for service uninstall"),
-        (("status", "--bus", "can0"), "--bus was given to service status; it is for service install"),
-        (("install", "--bus", "local:x"), "bus 'local:x' is no CAN interface that units can have; allowed are names such as"),
-        (("install", "--cpu", "999"), "CPU 999 is not there; allowed are 0 to "),
+        (("install", "--purge"), "--purge was given with service install; it is only for service uninstall"),
+        (("status", "--bus", "can0"), "--bus was given with service status; it is only for service install"),
+        (("install", "--bus", "local:x"), "bus 'local:x' is not a CAN interface for units; allowed are names such as"),
+        (("install", "--cpu", "999"), "CPU 999 does not exist; allowed are 0 to "),
         (("install", "--rate", "0"), "rate 0 Hz is not possible; allowed are 50 to 10000 Hz"),
         (("install", "--bus", "can0", "--bitrate", "0"), "bit rate 0 bit/s is not possible; allowed are 10000 to 1000000"),
         (("install", "--rate", "7"), "rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
@@ -240,7 +240,7 @@ def test_wrong_input_gets_one_sentence(root: Path, arguments: tuple[str, ...], e
 def test_a_program_that_units_cannot_run_is_refused(tmp_path: Path) -> None:
     """pytest's folder is temporary."""
     (tmp_path / "deploy/systemd").mkdir(parents=True)
-    with pytest.raises(InputError, match="is temporary, and units do not see it"):
+    with pytest.raises(InputError, match="is a temporary folder, which units cannot see"):
         check_program(Program(Path(sys.executable), tmp_path, (tmp_path,)))
     with pytest.raises(InputError, match="has no deploy/systemd"):
         check_program(Program(Path(sys.executable), tmp_path / "deploy", ()))

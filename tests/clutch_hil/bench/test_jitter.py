@@ -179,7 +179,7 @@ def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
     [
         (["--cpu", "999"], "error: CPU 999 is not possible; allowed are "),
         (["--seconds", "900"], "error: 900 s in 3 rounds is not possible; allowed are 1 to 60 s a round"),
-        (["--rates", "250,fast"], "error: rates '250,fast' has 'fast'; allowed are whole numbers of Hz"),
+        (["--rates", "250,fast"], "error: rates '250,fast' has 'fast'; allowed are whole numbers in Hz"),
         (["--rates", "250,7"], "error: rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
         (
             ["--load", "heat"],
@@ -235,7 +235,7 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
     rates = {(rate, "clock"): one for rate, one in late.items()}
     message = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates, False)
     assert message["knee_hz"] == {"clock": 2000}
-    assert judge_sweep(message) == ("up to 2000 Hz begun by the clock at most 0.2 % of the cycles are late", True)
+    assert judge_sweep(message) == ("up to 2000 Hz with trigger clock, at most 0.2 % of the cycles are late", True)
     assert [line.split()[-4:] for line in sweep_text(message).splitlines()[4:6]] == [["3", "1", "0", "8"]] * 2
     assert [line.split()[:4] for line in sweep_text(message).splitlines()[4:]] == [
         ["clock", "1000", "1000", "10000"], ["clock", "2000", "500", "10000"], ["clock", "4000", "250", "10000"],
@@ -244,7 +244,7 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
     by_bus = {(1000, "bus"): measured(0), (8000, "bus"): measured(20), (2000, "bus"): measured(1)}
     message = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates | by_bus, False)
     assert message["knee_hz"] == {"clock": 2000, "bus": 8000}
-    assert judge_sweep(message)[0].startswith("up to 2000 Hz begun by the clock and 8000 Hz begun by the bus at most")
+    assert judge_sweep(message)[0].startswith("up to 2000 Hz with trigger clock and 8000 Hz with trigger bus, at most")
     assert [one["rate_hz"] for one in message["rates"]] == [1000, 2000, 4000, 8000, 10_000, 1000, 2000, 8000]
     message = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {(1000, "clock"): measured(21)}, False)
     assert judge_sweep(message) == ("no rate is kept with at most 0.2 % late", False)

@@ -121,7 +121,7 @@ def test_injections_act_at_their_time(written) -> None:
         ("title = 'x'\n[run]\nseconds = nan", "run.seconds is nan; allowed is a number"),
         (
             "title = 'x'\n[plant.friction_level]\nlevel = 0.9\n[effects]\nfriction_level = {}",
-            "effect friction_level is in [plant] and in [effects]; allowed is one of them",
+            "effect friction_level is in both [plant] and [effects]; only one of them is allowed",
         ),
         ("title = 'x'\n[run]\nadaptation = 'no'", "run.adaptation is 'no'; allowed is true or false"),
         (
@@ -164,15 +164,15 @@ def test_injections_act_at_their_time(written) -> None:
         ),
         ("title = 'x'\n[[inject]]\neffect = 'friction_level'", "entry inject 1.at is missing; a number is needed"),
         ("title = 'x'\n[inject]\nat = 1", "inject is {{'at': 1}}; allowed is a list of tables"),
-        ("title = 'x'\n[[inject]]\nat = 1", "inject 1: an injection changes nothing; name a parameter and its value"),
+        ("title = 'x'\n[[inject]]\nat = 1", "inject 1: an injection changes nothing; give a parameter and its value"),
         (
             "title = 'x'\n[[inject]]\nat = 1\nwhen = 2",
             "entry inject 1.when is unknown; known are at, ramp, until, clutch,",
         ),
-        ("title = 'x'\n[[inject]]\nat = 1\noff = true", "inject 1 has off without effect; name the effect"),
+        ("title = 'x'\n[[inject]]\nat = 1\noff = true", "inject 1 has off without effect; add effect"),
         (
             "title = 'x'\n[[inject]]\nat = 1\neffect = 'friction_level'\noff = true\nvalues = { level = 1 }",
-            "inject 1 has off and values of effect friction_level; allowed is one of them",
+            "inject 1 has both off and values of effect friction_level; only one of them is allowed",
         ),
         ("title = 'x'\n[[inject]]\nat = 1\nfreeze = 'presure'", "sensor 'presure' is unknown; did you mean pressure"),
         (
@@ -189,7 +189,7 @@ def test_injections_act_at_their_time(written) -> None:
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nbus_fault = 'frame_loss'\neffect = 'friction_level'",
-            "inject 1 has effect and bus_fault; allowed is one of them",
+            "inject 1 has both effect and bus_fault; only one of them is allowed",
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nbus_fault = 'frame_loss'\nvalues = { xyz = 1 }",
@@ -203,7 +203,7 @@ def test_injections_act_at_their_time(written) -> None:
             "title = 'x'\n[effects]\nframe_loss = {}",
             "effects.frame_loss is a fault of the bus; it is allowed in [[inject]], as bus_fault",
         ),
-        ("title = 'x'\n[[inject]]\nat = 1\nsignal = 'kill'", "inject 1 has signal without process; name the process"),
+        ("title = 'x'\n[[inject]]\nat = 1\nsignal = 'kill'", "inject 1 has signal without process; add process"),
         (
             "title = 'x'\n[[inject]]\nat = 1\nprocess = 'controler'",
             "inject 1: process is 'controler'; did you mean controller",
@@ -218,7 +218,7 @@ def test_injections_act_at_their_time(written) -> None:
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nuntil = 2",
-            "inject 1: until is 2 s, and plant is killed: it cannot go on; allowed is none",
+            "inject 1: until is 2 s, and plant is killed and cannot continue; leave until out",
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nsignal = 'stop'\nuntil = 1",
@@ -230,15 +230,15 @@ def test_injections_act_at_their_time(written) -> None:
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nramp = 1",
-            "inject 1 has process and ramp; allowed beside it are at, signal, until",
+            "inject 1 has process and ramp; allowed with it are at, signal, until",
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nprocess = 'plant'\nhost_fault = 'disk_full'",
-            "inject 1 has process and host_fault; allowed beside it are at, signal, until",
+            "inject 1 has process and host_fault; allowed with it are at, signal, until",
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nhost_fault = 'disk_full'\nsignal = 'kill'",
-            "inject 1 has host_fault and signal; allowed beside it are at, until, values",
+            "inject 1 has host_fault and signal; allowed with it are at, until, values",
         ),
         (
             "title = 'x'\n[[inject]]\nat = 1\nhost_fault = 'disk_ful'",
@@ -275,7 +275,7 @@ def test_injections_act_at_their_time(written) -> None:
         ),
         (
             "title = 'x'\n[limits]\nrise_time_s = { least = 2, most = 1 }",
-            "limit rise_time_s has least = 2 above most = 1; none would hold",
+            "limit rise_time_s has least = 2 above most = 1; no value would be allowed",
         ),
         (
             "title = 'x'\n[limits]\nfault = 'bad luck'",
@@ -306,9 +306,9 @@ def test_faults_of_bus_processes_and_computer_are_read(written) -> None:
         ProcessFault("plant", "kill", at=5.0),
         PlannedHostFault("disk_slow", {"delay": 20.0}, at=6.0, until=7.0),
     )
-    with pytest.raises(InputError, match="has the fault 'controller stopped', and a simulation has one process"):
+    with pytest.raises(InputError, match="has the fault 'controller stopped', but a simulation has one process"):
         Simulation(scenario).play_with_metadata()
-    with pytest.raises(InputError, match="has the fault 'controller stopped', and --lockstep was given"):
+    with pytest.raises(InputError, match="has the fault 'controller stopped', which --lockstep does not allow"):
         Bench(scenario, "local:x", lockstep=True)
 
 

@@ -152,7 +152,7 @@ def test_a_run_that_a_kill_of_the_plant_ended_is_good_by_its_limits_alone() -> N
     metadata = {"bench_faults": [{"kind": "process", "fault": "plant killed", "does": "began", "time_s": 2.6}]}
     good = Result({}, "", "torque followed", True)
     ended = good.mark_end(2.6, metadata, {"interrupted": False})
-    assert (ended.verdict, ended.good) == ("ended after 2.6 s, as the plant was killed; torque followed", False)
+    assert (ended.verdict, ended.good) == ("ended after 2.6 s, because the plant was killed; torque followed", False)
     assert ended.document == {"verdict": ended.verdict, "good": False}
     limited = replace(good, judgements=(Judgement(Limit(find_rig(DEFAULT_RIG), "fault", equal="none"), "none", True),))
     assert limited.mark_end(2.6, metadata, {"interrupted": False}).good

@@ -28,5 +28,5 @@ def test_late_and_skipped_cycles_disturb_the_timing_of_a_run(late: int, skipped:
 
 
 def test_samples_after_the_profile_of_a_plant_of_its_own_are_told() -> None:
-    assert not any("came after it" in line for line in describe(samples=2000))
-    assert "note: cycles are those of the profile; 1001 samples came after it" in describe(samples=2001)[-1]
+    assert not any("followed after it" in line for line in describe(samples=2000))
+    assert "note: cycles are those of the profile; 1001 samples followed after it" in describe(samples=2001)[-1]

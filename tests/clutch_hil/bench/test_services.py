@@ -289,7 +289,9 @@ def test_strange_frames_are_counted_and_the_run_goes_on(local_bus: str) -> None:
     assert (sensors["misshapen"], sensors["corrupt"]) == (10, 5)
     assert summary["frames"]["TORQUE_SETPOINT"]["corrupt"] == 2
     assert summary["supervisor"]["claims_refused"] == 0
-    assert summary["first_rejected"].startswith("frame ANALOG_SENSORS (0x100) came with 7 bytes; its definition has 8")
+    assert summary["first_rejected"].startswith(
+        "frame ANALOG_SENSORS (0x100) was received with 7 bytes; its definition has 8"
+    )
     assert summary["port"]["ignored"] == 15
     strays = summary["stray_frames"]["VALVE_COMMAND"]
     assert (strays["received"], strays["misshapen"]) == (2, 5)
@@ -329,7 +331,7 @@ def test_two_rates_are_refused(local_bus: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--bus", "nosuch"], "bus 'nosuch' does not exist; there are"),
+        (["--bus", "nosuch"], "bus 'nosuch' does not exist; available are"),
         (["--bus", "local:a/b"], "allowed are 1 to 32 of A-Z a-z 0-9"),
         (["--rate", "7"], "rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
         (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are broadband, cold_start, "),
@@ -344,7 +346,7 @@ def test_two_rates_are_refused(local_bus: str) -> None:
         (["--spin-us", "nan"], "error: spin of nan us is not possible; allowed are 0 to"),
         (["--profile", "manual", "--seconds", "nan"], "error: a run of nan s is not possible"),
         (["--profile", "manual", "--lockstep"], "profile 'manual' cannot be played in lock-step"),
-        (["--view", "--no-telemetry"], "a viewer was asked for and --no-telemetry"),
+        (["--view", "--no-telemetry"], "a viewer and --no-telemetry were both given"),
         (["--profile", "high.csv"], "row 2: set-point 31 Nm is outside 0..30 Nm"),
     ],
 )
@@ -365,11 +367,11 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["plant", "--cpu", "9999"], "CPU 9999 is not there; allowed are 0 to"),
+        (["plant", "--cpu", "9999"], "CPU 9999 does not exist; allowed are 0 to"),
         (["plant", "--seconds", "nan"], "a run of nan s is not possible"),
         (["plant", "--temperature", "nan"], "oil temperature nan degC is outside 35..150 degC"),
         (["plant", "--router", "nonsense"], "zenoh router 'nonsense' cannot be reached; an address such as"),
-        (["controller", "--cpu", "9999"], "CPU 9999 is not there; allowed are 0 to"),
+        (["controller", "--cpu", "9999"], "CPU 9999 does not exist; allowed are 0 to"),
         (["controller", "--trigger", "x"], "trigger 'x' is unknown; allowed are bus, clock, pll"),
         (["controller", "--overrun", "x"], "overrun policy 'x' is unknown"),
         (["controller", "--router", "bench.jso"], "or a file of clutch-hil secure, which ends with .json"),

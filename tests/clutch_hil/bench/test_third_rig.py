@@ -122,7 +122,7 @@ BROKEN = {  # what is replaced in the rig's module, by what, and what is told of
     "no figure": ('figures=("regime_error_nm", "peak_power_w")', "figures=()", "rig broken has no figures"),
     "fault": ("**OF_ONE_CLUTCH,", '**{k: v for k, v in OF_ONE_CLUTCH.items() if k != "fault"},', "measure 'fault' is unknown"),
     "measures": ("broken:MEASURES", "broken:MEASURE_", "rig broken: broken:MEASURE_ cannot be loaded: AttributeError"),
-    "table": ("broken:MEASURES", "broken:PLATES", "rig broken: broken:PLATES is no table of measures"),
+    "table": ("broken:MEASURES", "broken:PLATES", "rig broken: broken:PLATES is not a table of measures"),
 }  # fmt: skip
 BROKEN_IN_USE = {
     "nominal": ("    whole =", "    raise ValueError('bad')\n    whole =", "rig broken: nominal raises ValueError: bad"),

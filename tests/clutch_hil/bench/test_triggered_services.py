@@ -79,7 +79,7 @@ def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -
     ("arguments", "words"),
     [
         (("--trigger", "gps"), "error: trigger 'gps' is unknown; allowed are bus, clock, pll"),
-        (("--trigger", "bus", "--lockstep"), "--trigger was given and --lockstep, which has no clock"),
+        (("--trigger", "bus", "--lockstep"), "--trigger and --lockstep cannot be combined; lock-step has no clock"),
     ],
 )
 def test_a_bench_refuses_a_bad_pace(local_bus: str, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
@@ -104,7 +104,7 @@ def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str,
             loop.send_signal(signal.SIGCONT)
         message, _ = loop.communicate(timeout=PATIENCE)
     assert loop.returncode == 1
-    assert "slots were missed, and the policy for overruns is fault, valve closed" in message
+    assert "cycles were missed, and the overrun policy is fault, valve closed" in message
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ HANDED_OVER = 5.2  # s by which the shipped scenario has handed its torque over
 RATE = 500  # Hz, of the shipped scenario
 NODES = ("plant", *CONTROLLERS)
 PIECE = 100  # rows of a batch
-BLIND = "a run of two clutches cannot be blind: it is judged by the true output torque, which no sensor shows"
+BLIND = "a run of two clutches cannot be blind: its verdict needs the true output torque, which no sensor measures"
 
 
 @pytest.fixture(scope="module")

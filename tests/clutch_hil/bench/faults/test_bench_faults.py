@@ -165,18 +165,16 @@ def test_the_time_of_day_jumps_and_is_set_back_by_the_time_that_has_passed(monke
 
 def test_a_user_who_may_not_set_the_time_is_told_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clock, "has_capability", lambda number: False)
-    with pytest.raises(InputError, match="clock_step sets the time of this computer, which this user may not"):
+    with pytest.raises(InputError, match="clock_step sets the time of this computer, and this user has no permission"):
         BenchFaults([PlannedHostFault("clock_step", {}, at=0.0)], make_surroundings())
 
 
 def test_an_interface_is_taken_down_on_a_can_bus_by_who_may(monkeypatch: pytest.MonkeyPatch) -> None:
     fault = PlannedHostFault("interface_down", {}, at=0.0)
-    with pytest.raises(
-        InputError, match="interface_down needs a CAN interface, and the bus is local:x; allowed there is"
-    ):
+    with pytest.raises(InputError, match="interface_down needs a CAN interface, but the bus is local:x; use bus_fault"):
         fault.check("local:x", True)
     monkeypatch.setattr(interface, "has_capability", lambda number: False)
-    with pytest.raises(InputError, match="interface_down takes vcan7 down, which this user may not"):
+    with pytest.raises(InputError, match="interface_down takes vcan7 down, and this user has no permission"):
         fault.check("vcan7", True)
     with pytest.raises(InputError, match="interface nothing7 cannot be set down: No such device"):
         fault.begin(replace(make_surroundings(), bus="nothing7"))
@@ -185,7 +183,7 @@ def test_an_interface_is_taken_down_on_a_can_bus_by_who_may(monkeypatch: pytest.
 @pytest.mark.parametrize("name", ["request_flood", "rubbish_peer"])
 def test_a_peer_needs_telemetry_and_lives_as_long_as_its_fault(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     fault = PlannedHostFault(name, {}, at=0.0)
-    with pytest.raises(InputError, match=f"{name} needs telemetry, and --no-telemetry was given"):
+    with pytest.raises(InputError, match=f"{name} needs telemetry, but --no-telemetry was given"):
         BenchFaults([fault], make_surroundings(telemetry=False))
     peers_started: list[subprocess.Popen[bytes]] = []
 
@@ -261,16 +259,16 @@ def test_a_request_plans_from_now_or_at_a_time_and_what_is_on_can_be_listed_and_
     ("request_", "sentence"),
     [
         ({"process": "controller_b"}, "process is 'controller_b'; did you mean controller"),
-        ({"process": "plant", "at": 9.0}, "at is 9 s, and the run is at 10.000 s; allowed are later times"),
-        ({"process": "plant", "at": 11.0, "after": 1.0}, "at and after were given; allowed is one of them"),
-        ({"host_fault": "disk_full", "until": 11.0, "for": 1.0}, "until and for were given"),
+        ({"process": "plant", "at": 9.0}, "at is 9 s, but the run is already at 10.000 s; allowed are later times"),
+        ({"process": "plant", "at": 11.0, "after": 1.0}, "at and after were both given; only one of them is allowed"),
+        ({"host_fault": "disk_full", "until": 11.0, "for": 1.0}, "until and for were both given"),
         ({"host_fault": "disk_full", "after": "soon"}, "after is 'soon'; allowed is a number of seconds"),
         ({"host_fault": "disk_full", "for": 10**400}, "for is 1000"),
         ({"host_fault": "disk_full", "at": True}, "at is True; allowed is a number of seconds"),
         ({"host_fault": "disk_slow", "values": {"delay": 10**400}}, "disk_slow.delay"),
         ({"host_fault": "disk_full", "for": float("inf")}, "for is inf; allowed is a number of seconds"),
         ({"host_fault": "disk_full", "for": -1.0}, "until is 9 s; allowed are times after 10 s"),
-        ({"host_fault": "disk_full", "values": 3}, "values is no table of numbers"),
+        ({"host_fault": "disk_full", "values": 3}, "values is not a table of numbers"),
         ({"host_fault": ["x"]}, "host_fault is"),
         ({"word": 1}, "host_fault is 'None'"),
     ],
@@ -338,7 +336,7 @@ def test_a_bench_is_asked_by_its_bus_and_its_refusal_is_passed_on() -> None:
 
     with pytest.raises(InputError, match="no such fault"):
         ask_while_answering(BUS, refuse, {"a": 1})
-    with pytest.raises(InputError, match="a request for a fault is a JSON object"):
+    with pytest.raises(InputError, match="a request for a fault must be a JSON object"):
         ask_while_answering(BUS, lambda request: {}, [1, 2])
 
 
