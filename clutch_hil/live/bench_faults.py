@@ -18,10 +18,10 @@ def read_bench_fault(words: Sequence[str], process: str | None, signal: str | No
     """
     if process is not None:
         if words or off:
-            raise InputError(f"inject was given --process and {words[0] if words else '--off'}; allowed is one of them")
+            raise InputError(f"--process and {words[0] if words else '--off'} cannot be combined")
         return {"process": process, "signal": signal or "kill"}
     if signal is not None:
-        raise InputError("inject was given --signal without --process; name the service")
+        raise InputError("--signal was given without --process; give the service with --process")
     known = [*load_effects(), *BUS_FAULTS, *HOST_FAULTS]
     for word in words:
         if not set(word) & set("=.") and word not in known:
@@ -31,13 +31,17 @@ def read_bench_fault(words: Sequence[str], process: str | None, signal: str | No
         return None
     if off:
         if others := [word for word in words if word not in HOST_FAULTS]:
-            raise InputError(f"inject was given {names[0]} and {others[0]}; a fault of the computer is ended by itself")
+            raise InputError(
+                f"{names[0]} and {others[0]} cannot be combined; end a fault of the computer in a separate command"
+            )
         return {"end": names}
     if words[0] != names[0] or len(names) > 1 or any("=" not in word for word in words[1:]):
-        raise InputError(f"inject was given {' '.join(words)}; a fault of the computer is injected by itself")
+        raise InputError(
+            f"cannot inject {' '.join(words)} together; inject a fault of the computer in a separate command"
+        )
     values = dict(word.split("=", 1) for word in words[1:])
     if len(values) < len(words) - 1:
-        raise InputError(f"a parameter of {names[0]} is given twice")
+        raise InputError(f"a parameter of {names[0]} was given twice")
     return {"host_fault": names[0], "values": {name: _parse_number(name, text) for name, text in values.items()}}
 
 
@@ -49,7 +53,7 @@ def run_bench_fault(
     read = f"read:    the bench on {answer['bus']}"
     if "ended" in answer:
         ended = join_names(answer["ended"])
-        verdict = f"{ended}: ended" if answer["ended"] else "none of them was on"
+        verdict = f"{ended}: ended" if answer["ended"] else "none of these faults was on"
         wrote = f"the end of {ended}" if answer["ended"] else "nothing"
         return answer | {"verdict": verdict}, f"{read}\nwrote:   {wrote}", verdict, True
     until = "" if answer["until"] is None else f" to {answer['until']:.3f} s"

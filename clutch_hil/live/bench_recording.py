@@ -65,7 +65,7 @@ def record(
                 time.sleep(_POLL_PERIOD)
             notifier.stop()
             if not recorder.began:
-                stop.check(f"bench {bench} had published no row; nothing was recorded")
+                stop.check(f"bench {bench} published no row; nothing was recorded")
             recorder.step(plant=False)  # answers to the last samples
             recorder.finish()
     for file in recorder.recorded.files:
@@ -80,7 +80,7 @@ def _convert_rows(file: Path) -> None:
     try:
         convert(rows, file, overwrite=True)  # the target was checked before the recording began
     except InputError as error:
-        raise InputError(f"{error}; what was recorded is in {rows}") from None
+        raise InputError(f"{error}; the part recorded so far is in {rows}") from None
     rows.unlink()
 
 
@@ -91,7 +91,7 @@ def _wait_for_bench(session: zenoh.Session, bus: str | None, stop: Stop, patienc
         try:
             return find_bench(session, bus)
         except NoBenchError:
-            stop.check("no bench came; nothing was recorded")
+            stop.check("no bench was found; nothing was recorded")
             if time.monotonic() > deadline:
                 raise
         notifier.ping()

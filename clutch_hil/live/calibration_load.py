@@ -63,7 +63,7 @@ def load_calibration(
     notes = [f"as before: {format_count(same, 'value')}"] if same else []
     if abs(level - 1.0) > _LEVEL_LEARNT:
         notes.append(
-            f"warning: the friction level {level:.2f} was learnt with the old maps; it is learnt anew from now on"
+            f"warning: the friction level {level:.2f} was adapted with the old maps; from now on it is adapted again"
         )
     if not with_plant:
         notes.append("the plant keeps its parameters; --with-plant changes them as well")
@@ -79,10 +79,11 @@ def _check_rig(session: zenoh.Session, bench: str, path: Path) -> str:
     rig, about = read_rig(path), ask(session, Keys(bench, PLANT).describe, check_description, attempts=3)
     if about is None:
         raise InputError(
-            f"the plant on {find_bus(bench)} does not describe itself; its rig must be known for a calibration"
+            f"the plant on {find_bus(bench)} does not publish its description; a calibration can be loaded only if"
+            " the rig is known"
         )
     if (running := about.get("rig")) != rig:
-        raise InputError(f"calibration {path} is of the rig {rig!r}; the one on {find_bus(bench)} is {running!r}")
+        raise InputError(f"calibration {path} is for the rig {rig!r}; the rig on {find_bus(bench)} is {running!r}")
     return rig
 
 
@@ -118,12 +119,14 @@ def _check_open(session: zenoh.Session, bench: str, controller: str) -> float:
     values = (last or {}).get("values", {})
     phase = values.get(f"{controller}_phase", {}).get("value")
     if phase is None:
-        raise InputError(f"the {controller} on {find_bus(bench)} has not told its phase yet; wait for its first cycles")
+        raise InputError(
+            f"the {controller} on {find_bus(bench)} has not published its phase yet; wait for its first cycles"
+        )
     words = load_frames()["CONTROLLER_STATUS"].list_choices("phase")
     if (word := words.get(int(phase), f"{phase:g}")) not in _SAFE:
         raise InputError(
-            f"the clutch on {find_bus(bench)} is engaged (phase {word}), and new maps would step its pressure; allowed in the"
-            f" phases {join_names(_SAFE)}: end the demand first"
+            f"the clutch on {find_bus(bench)} is engaged (phase {word}), and new maps would make its pressure jump; allowed in"
+            f" the phases {join_names(_SAFE)}: end the demand first"
         )
     level = values.get(f"{controller}_friction_level", {}).get("value")
     return 1.0 if level is None else float(level)

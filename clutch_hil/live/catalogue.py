@@ -42,7 +42,7 @@ class Catalogue:
             return name
         matches = [full for full in self.entries if full.partition(".")[2] == name]
         if len(matches) > 1:
-            raise InputError(f"parameter {name!r} is ambiguous; there are {join_names(matches)}")
+            raise InputError(f"parameter {name!r} is ambiguous; it can be {join_names(matches)}")
         if not matches:
             raise self._make_error(name)
         return matches[0]
@@ -78,7 +78,7 @@ class Catalogue:
             return InputError(f"parameter {name!r} is unknown; {hint}")
         if node in NODES:
             return InputError(f"{self.silence}; it may still be starting, or be stopped")
-        nearest = f"; nearest there is {close[0]}" if close else ""
+        nearest = f"; the nearest name is {close[0]}" if close else ""
         return InputError(f"{self.silence}, and the {self.nodes[0]} has no parameter {name!r}{nearest}")
 
 
@@ -90,7 +90,7 @@ def parse_assignments(catalogue: Catalogue, arguments: Iterable[str]) -> dict[st
         full = catalogue.find_full_name(name.strip())
         node, _, short = full.partition(".")
         if short in values.setdefault(node, {}):
-            raise InputError(f"parameter {full} is given twice")
+            raise InputError(f"parameter {full} was given twice")
         values[node][short] = catalogue.check_value(full, text)
     return values
 

@@ -20,7 +20,7 @@ def convert(source: Path, target: Path, overwrite: bool = False, stretch: Stretc
     """
     if source.suffix.lower() not in SUFFIXES:
         raise InputError(
-            f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {join_names(SUFFIXES)}"
+            f"run {source} has the suffix {source.suffix or '-'}; files that can be read end with {join_names(SUFFIXES)}"
         )
     check_target(target, overwrite, [source])
     run = read_run(source, COLUMNS_OF_ANY_RIG, from_s=stretch.from_s, to_s=stretch.to_s)
@@ -37,6 +37,6 @@ def check_target(path: Path, overwrite: bool = False, inputs: Iterable[Path] = (
     """Return `path` if a run can be written there without loss of another file (`check_new_file`). Raises InputError."""
     if path.suffix.lower() not in FORMATS:
         raise InputError(
-            f"run {path} has the suffix {path.suffix or '-'}; what can be written ends with {join_names(FORMATS)}"
+            f"run {path} has the suffix {path.suffix or '-'}; files that can be written end with {join_names(FORMATS)}"
         )
     return check_new_file(path, overwrite, inputs)

@@ -39,7 +39,7 @@ PLOTS = (
         Line("cylinder_pressure_bar", "measured", 1.0),
     )),
     Plot("voltage", "valve command [V]", (
-        Line("controller_voltage_v", "asked by the law", 2.5),
+        Line("controller_voltage_v", "requested by the law", 2.5),
         Line("valve_voltage_v", "at the valve", 1.2),
     )),
     Plot("slip", "slip [rad/s]", (
@@ -49,14 +49,14 @@ PLOTS = (
         Line("truth_slip_speed_rad_s", "true", 1.5),
     )),
     Plot("temperature", "oil temperature [degC]", (
-        Line("controller_temperature_degc", "as the law takes it", 1.0),
+        Line("controller_temperature_degc", "as used by the law", 1.0),
         Line("oil_temperature_degc", "measured", 1.0),
         Line("truth_oil_temperature_degc", "true", 2.0),
     )),
     Plot("timing", "loop timing [us]", (
-        Line("controller_wake_us", "controller woke late", 1.0),
+        Line("controller_wake_us", "controller wake-up lateness", 1.0),
         Line("controller_work_us", "controller work", 1.0),
-        Line("plant_wake_us", "plant woke late", 1.0),
+        Line("plant_wake_us", "plant wake-up lateness", 1.0),
         Line("plant_work_us", "plant work", 1.0),
     )),
     Plot("terms", "feedback terms [bar]", (
@@ -67,7 +67,7 @@ PLOTS = (
     )),
     Plot("feedforward", "feedforward and pressure [bar]", (
         Line("controller_feedforward_bar", "feedforward", 2.0),
-        Line("controller_pressure_bar", "measured, as the law takes it", 1.0),
+        Line("controller_pressure_bar", "measured, as used by the law", 1.0),
     )),
     Plot("balance", "torque balance [Nm]", (
         Line("controller_torque_demand_nm", "demand, a magnitude", 1.5),
@@ -81,7 +81,7 @@ PLOTS = (
     )),
     Plot("adaptation", "adaptation [1]", (
         Line("controller_friction_level", "friction level", 2.0),
-        Line("controller_trimmed_level", "level of the moment", 1.0),
+        Line("controller_trimmed_level", "momentary level", 1.0),
         Line("controller_viscous_correction", "viscous correction", 1.5),
     )),
     Plot("more/position", "piston position [m]", units=("m",)),
@@ -94,7 +94,7 @@ PLOTS = (
 )  # fmt: skip
 LIGHT = ("torque", "pressure", "voltage", "slip", "timing")  # paths of the plots on a light screen
 (SLIP,) = (plot for plot in PLOTS if plot.path == "slip")
-REST = Plot("more/rest", "states, flags and counts [1], and what stands nowhere else")
+REST = Plot("more/rest", "states, flags and counts [1], and all other columns")
 
 
 class Place(NamedTuple):

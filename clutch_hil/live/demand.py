@@ -149,7 +149,7 @@ class Lock:
         """Return the result in words."""
         if self.locked_after is None:
             return f"not locked within {self.asked_for:.2f} s"
-        return f"locked after {self.locked_after:.2f} s{'' if self.locked else ', then no more'}"
+        return f"locked after {self.locked_after:.2f} s{'' if self.locked else ', later unlocked'}"
 
 
 class Demand:
@@ -230,7 +230,7 @@ class Demand:
         elif not released:
             verdict = "the clutch was not released within 2 s"
         elif not (asked or locks):
-            verdict = "neither torque nor pressure nor lock was asked for"
+            verdict = "the demand had neither torque nor pressure nor lock"
         elif not asked:
             verdict = str(self._lock)
         elif not figures:
@@ -244,7 +244,7 @@ class Demand:
             [
                 f"read:    {profile.name} ({length}), the controller's status on {bus}",
                 f"wrote:   set-points on {bus} for {elapsed:.1f} s; the clutch is "
-                f"{'released' if released else 'not known to be released'}",
+                f"{'released' if released else 'possibly not released'}",
                 logged,
             ]
         )

@@ -56,4 +56,4 @@ class DemandLog:
             read_reply(self._bench, "controller", self._handler)
         except InputError as error:
             return f"not logged: {error}"
-        return f"logged:  with the controller, as asked by {self._by}"
+        return f"logged:  by the controller, as demanded by {self._by}"

@@ -67,7 +67,7 @@ class Driver:
         if self._error:
             raise self._error
         if self._objection:
-            raise InputError(f"{self._objection}; release() acknowledges it")
+            raise InputError(f"{self._objection}; acknowledge it with release()")
 
     def follow(self, make: Callable[[Setpoint], Profile]) -> None:
         """Demand the profile `make(setpoint)` from now on, made from the present set-point. Raises InputError."""

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 INSTALL = "apt-get install mesa-vulkan-drivers libvulkan1"
-MISSING = f"the viewer needs a Vulkan driver to draw; {INSTALL} brings one, and --web, --save FILE.rrd need none"
+MISSING = f"the viewer needs a Vulkan driver to draw; install one with {INSTALL}, or use --web or --save FILE.rrd"
 NO_DRIVER = "No graphics adapter was found"  # message of rerun's viewer without a driver
 _INSTANCE = 1  # VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
 _PROBE_TIMEOUT = 60.0  # s; on a quiet machine it takes 0.1 s

@@ -41,7 +41,7 @@ def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: S
             switch_off(name)
             _add_once(given, name, {})
         elif off:
-            raise InputError(f"inject was given {word!r} and --off; what is switched off needs no value")
+            raise InputError(f"{word!r} and --off cannot be combined; an effect that is switched off needs no value")
         elif "." in name:
             _add_once(values, name, _parse_number(word, text))
         elif not given:
@@ -111,7 +111,7 @@ def run_injection(
     lines += [f"{'wrote:   ' if not i else '         '}{describe_change(change)}" for i, change in enumerate(accepted)]
     first = min(change["at"] for change in accepted)
     verdict = (
-        f"{format_count(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant, asked by {by}"
+        f"{format_count(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant, requested by {by}"
     )
     return {"bench": bench, "accepted": accepted, "by": by, "verdict": verdict}, "\n".join(lines), verdict, True
 
@@ -122,7 +122,7 @@ def _check_clutches(session: zenoh.Session, bench: str, values: Mapping[str, flo
     about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3) if named else None
     if about and len(about.get("controllers", CLUTCHES)) == 1:
         raise InputError(
-            f"{named[0]} is of a clutch by name; the plant on {find_bus(bench)} has one clutch: leave its name out"
+            f"{named[0]} names a clutch, but the plant on {find_bus(bench)} has only one: leave the name of the clutch out"
         )
 
 
@@ -167,10 +167,10 @@ def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str
     lines += [f"fault of the bench: {fault}" for fault in now["bench_faults"]]
     lines += [f"read:    the plant on {find_bus(now['bench'])}", "wrote:   nothing"]
     verdict = (
-        f"{format_count(len(changed), 'parameter')} not as shipped, {format_count(len(planned), 'change')} to come"
+        f"{format_count(len(changed), 'parameter')} not as shipped, {format_count(len(planned), 'change')} planned"
     )
     if now["blind"]:
-        verdict = "the plant is blind: it does not tell what is on"
+        verdict = "the plant is blind: it does not show what is on"
     return now | {"verdict": verdict}, "\n".join(lines), verdict, True
 
 
@@ -194,7 +194,7 @@ def list_planned(events: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]
 
 def _add_once(values: dict[str, Any], name: str, value: Any) -> None:
     if name in values:
-        raise InputError(f"{name} is given twice")
+        raise InputError(f"{name} was given twice")
     values[name] = value
 
 

@@ -46,21 +46,23 @@ def make_lab(
     if not 1 <= days <= _MOST_DAYS:
         raise InputError(f"certificates cannot hold {days} days; allowed are 1 to {_MOST_DAYS}")
     if check_name(operator) in (BENCH, VIEWER):
-        raise InputError(f"the operator cannot have the name {operator}; it is that of another role")
+        raise InputError(f"the operator cannot have the name {operator}; it is the name of another role")
     names = [role + SUFFIX for role in ROLES]
     if os.path.exists(folder) and not os.path.isdir(folder):
-        raise InputError(f"folder {folder} cannot be made: there is a file of that name")
+        raise InputError(f"folder {folder} cannot be made: a file has this name")
     check_new_files(folder, names, overwrite)
     expires = (datetime.now(UTC) + timedelta(days=days)).replace(microsecond=0)
     files = describe_roles([check_host(host) for host in hosts] or _LOCAL_HOSTS, operator, Authority(expires), expires)
     _write_all(folder, files)
-    where = hosts[0] if hosts else "this machine alone"
+    where = hosts[0] if hosts else "this machine only"
     lines = [f"read:    nothing; the bench is reached at {where}"]
     lines += [
         f"{'wrote:   ' if not i else '         '}{folder / (role + SUFFIX)}  {_USES[role]}"
         for i, role in enumerate(ROLES)
     ]
-    verdict = f"3 files, to {expires:%Y-%m-%d %H:%M} UTC; the files have private keys: give each only to whom it is for"
+    verdict = (
+        f"3 files, to {expires:%Y-%m-%d %H:%M} UTC; the files contain private keys: give each file only to its user"
+    )
     document = {
         "files": [str(folder / name) for name in names], "expires": expires.isoformat(), "hosts": list(hosts),
         "operator": operator,
@@ -70,8 +72,8 @@ def make_lab(
 
 _USES = {
     BENCH: "for clutch-hil up, plant and controller: --network FILE",
-    OPERATOR: "for the one who tunes and injects",
-    VIEWER: "for those who watch and record",
+    OPERATOR: "for the person who tunes and injects",
+    VIEWER: "for persons who watch and record",
 }
 
 

@@ -97,7 +97,7 @@ class LiveBench:
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
-        self._error = self._error or InputError("this bench has ended with its block; start another one")
+        self._error = self._error or InputError("this bench ended at the end of its with block; start another one")
 
     def __repr__(self) -> str:
         return f"<LiveBench on {self.bus}{', ended' if self._error else ''}>"
@@ -145,7 +145,7 @@ class LiveBench:
         if seconds is not None and not 0.0 <= (seconds := take_number("seconds", seconds)) < inf:
             raise InputError(f"seconds is {seconds:g}; allowed are 0 and more")
         if seconds is None and not isfinite(self._session.duration):
-            raise InputError("the bench has no profile whose end can be waited for; give seconds")
+            raise InputError("the bench has no profile with an end to wait for; give seconds")
         end = time.monotonic() + (float("inf") if seconds is None else seconds)
         while (left := end - time.monotonic()) > 0.0 and not (seconds is None and self._session.over):
             self._check()
@@ -209,7 +209,7 @@ class LiveBench:
             take_effects(effects), added["plant"], tuple(take_list("freeze", freeze)), added["bias"], off
         )
         if not values:
-            raise InputError("an injection was given no change; give effects, plant, freeze or bias")
+            raise InputError("the injection has no change; give effects, plant, freeze or bias")
         times = {"at": at, "after": after, "ramp": ramp, "until": until, "for": lasting}
         when = {name: take_number(name, seconds) for name, seconds in times.items() if seconds is not None}
         return inject(*self._connect_telemetry(), values, when)
@@ -273,9 +273,7 @@ class LiveBench:
         Raises InputError if the demand comes from a profile, and the error of the recorder, if there was one.
         """
         if self._driver is None:
-            raise InputError(
-                "this bench plays its profile; one that is started without scenario and profile takes demands"
-            )
+            raise InputError("this bench plays its profile; for demands, start it without scenario and profile")
         self._check_lives()
         return self._driver
 

@@ -30,7 +30,7 @@ def watch(
     Return document, text, verdict, and whether there is no trouble. Raises InputError when there is no such bench.
     """
     if seconds is not None and not seconds > 0.0:
-        raise InputError(f"monitor cannot watch for {seconds:g} s; allowed is more than 0")
+        raise InputError(f"--seconds is {seconds:g} s; allowed is more than 0 s")
     with (
         Stop() as stop,
         open_consumer_session(router) as session,

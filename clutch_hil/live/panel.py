@@ -80,7 +80,7 @@ class Panel:
             if self.request.closes or (answer.phase == "idle" and self.request is Request.IDLE):
                 self._ask(wanted, "", now)
             else:
-                self.message = f"not engaged: it must be idle first (key i), its phase is {answer.phase or '-'}"
+                self.message = f"not engaged: the clutch must be idle first (key i), its phase is {answer.phase or '-'}"
 
     def react(self, answer: Answer, objection: str | None, now: float) -> None:
         """Release the clutch if the controller refuses to close it; demand idle once it is released."""
@@ -98,7 +98,9 @@ class Keyboard:
 
     def __init__(self, stream: TextIO) -> None:
         if not stream.isatty():
-            raise InputError("the panel needs a keyboard, and the standard input is no terminal; try clutch-hil demand")
+            raise InputError(
+                "the panel needs a keyboard, but the standard input is not a terminal; use clutch-hil demand"
+            )
         self._terminal = stream.fileno()
         self._pending = ""
 

@@ -60,8 +60,8 @@ class RecordingResult:
         seconds = sum(self.files.values()) / self.rate
         length = f"{seconds:.1f} s recorded"
         if len(self.files) > 1:
-            length += f" in {len(self.files)} files: the plant began anew or rows were lost"
-        lost = f"; rows that never came: {_count_rows(self.lost)}" if any(self.lost.values()) else ", no row lost"
+            length += f" in {len(self.files)} files: the plant was restarted or rows were lost"
+        lost = f"; rows that did not arrive: {_count_rows(self.lost)}" if any(self.lost.values()) else ", no row lost"
         return "; ".join(filter(None, (f"{length}{lost}", self.faults, self.rejections)))
 
     @property
@@ -220,7 +220,7 @@ class Recorder:
         self._deadline = min(self._deadline, time.monotonic() + _DESCRIPTION_TIMEOUT)
         if missing and time.monotonic() > self._deadline:
             raise InputError(
-                f"the {missing[0]} of bench {self._feed.bench} publishes no telemetry; a run needs both sides"
+                f"the {missing[0]} of bench {self._feed.bench} publishes no telemetry; a run needs plant and controller"
             )
         return not missing
 

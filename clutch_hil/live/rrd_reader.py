@@ -82,7 +82,7 @@ def read_rrd(path: Path) -> dict[str, Table]:
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         raise InputError(f"file {path} cannot be read as a saved view: {' '.join(str(error).split())}") from None
     if not entities:
-        raise InputError(f"file {path} holds no rows of a bench")
+        raise InputError(f"file {path} contains no rows of a bench")
     return {key: _make_table(path, own) for key, own in sorted(entities.items())}
 
 

@@ -45,13 +45,14 @@ def load_batches(path: Path, stretch: Stretch = WHOLE) -> list[Batch]:
     if path.suffix.lower() == ".rrd":
         if not stretch.is_whole:
             raise InputError(
-                f"run {path} is a saved view, which is shown whole; a part can be taken of {join_names(SUFFIXES)}"
+                f"run {path} is a saved view, which can only be shown completely; a part can be taken from"
+                f" {join_names(SUFFIXES)}"
             )
         from clutch_hil.live.rrd_reader import read_rrd
 
         tables = read_rrd(path)
         if any("/" in node for node in tables):
-            raise InputError(f"run {path} holds two runs side by side; give the files they came from")
+            raise InputError(f"run {path} contains two runs side by side; give the original files")
         return [batch for table in tables.values() for batch in table.make_batches()]
     return list(run_batches(read_run(path, COLUMNS_OF_ANY_RIG, from_s=stretch.from_s, to_s=stretch.to_s)))
 
@@ -92,7 +93,7 @@ class ReplayResult:
     @property
     def verdict(self) -> str:
         """Return the verdict line."""
-        return self.viewer or ("side by side" if len(self.read) > 1 else "all of it")
+        return self.viewer or ("side by side" if len(self.read) > 1 else "completely")
 
     @property
     def text(self) -> str:
@@ -113,9 +114,9 @@ class Replay:
 
     def __init__(self, paths: Sequence[Path], stretch: Stretch = WHOLE) -> None:
         if len(paths) > MOST_RUNS:
-            raise InputError(f"{len(paths)} runs were given; allowed are one, or two side by side")
+            raise InputError(f"{len(paths)} runs were given; allowed are one, or two to show side by side")
         if len(set(paths)) < len(paths):
-            raise InputError(f"run {paths[0]} was given twice; two runs side by side are two files")
+            raise InputError(f"run {paths[0]} was given twice; give two different files")
         self._runs = {path: load_batches(path, stretch) for path in paths}
         self._prefixes = _PREFIXES if len(paths) > 1 else ("",)
         stems = [path.stem for path in paths]

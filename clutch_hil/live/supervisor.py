@@ -201,7 +201,7 @@ class Supervisor:
             if answer.supervisor == "contested":
                 return "another supervisor has claimed the set-points"
             return (
-                "clutch let go: set-points came too late, or were beyond the controller's torque.demand_limit,"
+                "clutch released: set-points came too late, or were beyond the controller's torque.demand_limit,"
                 " phases.speed_limit or torque.pressure_limit; the controller waits for idle"
             )
         return None

@@ -117,7 +117,9 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
     """
     setting = ["=" in argument for argument in arguments]
     if any(setting) and not all(setting):
-        raise InputError(f"tune was given {arguments[setting.index(False)]!r} without a value beside NAME=VALUE")
+        raise InputError(
+            f"{arguments[setting.index(False)]!r} has no value, but other arguments have one; write it as NAME=VALUE"
+        )
     by = find_asker_name(router) if any(setting) else None
     with open_consumer_session(router) as session:
         bench = find_bench(session, bus)
@@ -154,8 +156,8 @@ def _set_and_describe(
         f"{'wrote:   ' if i == 0 else '         '}{line}" for i, line in enumerate(lines)
     )
     kept = sum(change["new"] == change["old"] for change in changed)
-    verdict = f"{format_count(len(changed) - kept, 'parameter')} changed, asked by {by}"
-    verdict += f"; {kept} had this value" if kept else ""
+    verdict = f"{format_count(len(changed) - kept, 'parameter')} changed, requested by {by}"
+    verdict += f"; {kept} already had this value" if kept else ""
     return {"bench": bench, "changed": changed, "by": by}, text, verdict, True
 
 

@@ -122,10 +122,10 @@ class ViewResult:
         """Return the verdict line."""
         silent = [node for node in NODES if not self.rows.get(node)]
         if len(silent) == len(NODES):
-            loss = "no rows came"
+            loss = "no rows were received"
         else:
             loss = f"{format_count(self.lost_rows, 'row')} lost" if self.lost_rows else "nothing lost"
-            loss += "".join(f"; no rows of the {node} came" for node in silent)
+            loss += "".join(f"; no rows of the {node} were received" for node in silent)
         return "; ".join(filter(None, (self.viewer, loss, self.rejections)))
 
     @property
@@ -139,11 +139,11 @@ class ViewResult:
                 f"wrote:   {saved['path']}  ({_format_counts(saved['rows']) or 'no rows'}, {saved['bytes'] / 1e6:.1f} MB)"
             )
             if any(saved["lost"].values()):
-                lines.append(f"missing: {_format_counts(saved['lost'])} in the file: they never came")
+                lines.append(f"missing: {_format_counts(saved['lost'])} in the file: they did not arrive")
         if any(self.lost.values()):
-            lines.append(f"lost:    {_format_counts(self.lost)} on the way here")
+            lines.append(f"lost:    {_format_counts(self.lost)} on the way to the viewer")
         if any(self.dropped.values()):
-            lines.append(f"dropped: {_format_counts(self.dropped)}: the viewer did not take them")
+            lines.append(f"dropped: {_format_counts(self.dropped)}: the viewer did not accept them")
         return "\n".join(lines)
 
     @property
@@ -194,7 +194,7 @@ class LiveView:
                 if viewer:
                     self._show(viewer, watch, saving, result)
                     if saving and not watch.is_over:
-                        say(f"the viewer has ended; {save} is written on until Ctrl-C")
+                        say(f"the viewer has ended; {save} is still written until Ctrl-C")
                 while saving and not watch.is_over:
                     watch.wait(saving)
                 notifier.stop()
@@ -219,7 +219,7 @@ class LiveView:
                 except NoBenchError:
                     waited = time.monotonic() - began
                     closed = viewer is not None and viewer.find_exit_reason() is not None
-                    stop.check("no bench came; nothing was shown or written")
+                    stop.check("no bench was found; nothing was shown or written")
                     if closed or (self.seconds is not None and waited > self.seconds):
                         raise
                     if began + waited > following:

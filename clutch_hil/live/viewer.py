@@ -57,7 +57,7 @@ class Viewer:
         """Choose the port; None takes the default or a free one. `memory` is rerun's notation. Raises InputError."""
         if not (headless or _has_display()):
             raise InputError(
-                "there is no display for the viewer: use --web, --save FILE.rrd or the command `clutch-hil monitor`"
+                "the viewer has no display: use --web, --save FILE.rrd or the command `clutch-hil monitor`"
             )
         self._port = _free_port(port, DATA_PORT)
         self._arguments = ["--port", str(self._port), "--window-size", _WINDOW_SIZE, "--hide-welcome-screen"]
@@ -107,7 +107,7 @@ class Viewer:
         output = (self._home / "log").read_text(errors="replace")
         if NO_DRIVER in output:
             return MISSING
-        lines = output.strip().splitlines() or ["it said nothing"]
+        lines = output.strip().splitlines() or ["no message"]
         return f"the viewer ended with exit code {code}: {lines[-1]}"
 
     def _start(self, stack: ExitStack) -> None:
@@ -197,11 +197,13 @@ class WebViewer(Viewer):
         """Print the address of the page, and open it where there is a display."""
         say(f"open {self.page}")
         if self._token:
-            say("whoever has this address can watch; it is not encrypted: beyond a trusted network use ssh -L")
+            say(
+                "everyone with this address can watch; the connection is not encrypted: outside a trusted network use ssh -L"
+            )
         if self.light:
             say(f"no graphics card: the page has the most important plots, every {self.period:g} s")
         if self._browser and _has_display() and not webbrowser.open(self.page):
-            say("no browser was found here that would open it")
+            say("no browser was found on this machine to open it")
 
 
 def _has_display() -> bool:
@@ -237,9 +239,7 @@ def _free_port(wanted: int | None, default: int, but: Sequence[int] = (), addres
             probe.bind((address, port))
             if (free := probe.getsockname()[1]) not in but:
                 return free
-    raise InputError(
-        f"port {wanted} on {address} is taken or not among 1 to 65535; leave it out and a free one is chosen"
-    )
+    raise InputError(f"port {wanted} on {address} is in use or not in 1 to 65535; leave it out to use a free one")
 
 
 def _is_listening(port: int) -> bool:

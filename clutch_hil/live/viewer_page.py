@@ -188,7 +188,7 @@ class ViewerPage:
 
             def _refuse(self, status: int) -> None:
                 self.close_connection = True
-                self.send_error(status, "the address with the token is needed, as `clutch-hil view` has shown it")
+                self.send_error(status, "use the address with the token that `clutch-hil view` has printed")
 
             def log_message(self, format: str, *args: object) -> None:
                 """Write no log."""

@@ -37,21 +37,24 @@ def test_words_become_a_request(
     [
         (["disk_ful"], "effect or fault 'disk_ful' is unknown; did you mean disk_full"),
         (["disk_slow", "delay=x"], "delay=x needs a number after the ="),
-        (["disk_slow", "delay=1", "delay=2"], "a parameter of disk_slow is given twice"),
-        (["disk_slow", "frame_loss"], "a fault of the computer is injected by itself"),
-        (["frame_loss", "disk_slow"], "a fault of the computer is injected by itself"),
-        (["disk_slow", "frame_loss", "--off"], "disk_slow and frame_loss; a fault of the computer is ended by itself"),
+        (["disk_slow", "delay=1", "delay=2"], "a parameter of disk_slow was given twice"),
+        (["disk_slow", "frame_loss"], "inject a fault of the computer in a separate command"),
+        (["frame_loss", "disk_slow"], "inject a fault of the computer in a separate command"),
+        (
+            ["disk_slow", "frame_loss", "--off"],
+            "disk_slow and frame_loss cannot be combined; end a fault of the computer in a separate command",
+        ),
         (
             ["disk_slow", "--ramp", "1"],
-            "a fault of the bench and --ramp; allowed beside it are --bus, and times of a begin",
+            "a fault of the bench and --ramp cannot be combined; allowed with it are --bus and start times",
         ),
         (["disk_slow", "--router", "tcp/1.2.3.4:7447"], "a fault of the bench and --router"),
         (["disk_slow", "--off", "--for", "3"], "a fault of the bench and --for"),
         (["disk_slow", "--freeze", "pressure"], "a fault of the bench and --freeze"),
         (["--process", "plant", "--clutch", "a"], "a fault of the bench and --clutch"),
-        (["--process", "plant", "disk_slow"], "inject was given --process and disk_slow; allowed is one of them"),
-        (["--process", "plant", "--off"], "inject was given --process and --off"),
-        (["--signal", "kill"], "inject was given --signal without --process; name the service"),
+        (["--process", "plant", "disk_slow"], "--process and disk_slow cannot be combined"),
+        (["--process", "plant", "--off"], "--process and --off cannot be combined"),
+        (["--signal", "kill"], "--signal was given without --process; give the service with --process"),
         (["disk_slow", "--bus", "local:nobody"], "no clutch-hil up of this user runs on bus local:nobody"),
     ],
 )
@@ -72,7 +75,7 @@ def test_a_bench_is_asked_while_it_runs_and_its_run_says_what_was_done(local_bus
         assert "fault of the bench: disk_slow delay 20 ms" in run_command("inject", "--list", "--bus", bench.bus).stdout
         done = run_command("inject", "disk_slow", "--off", "--bus", bench.bus)
         assert "verdict: disk_slow delay 20 ms: ended" in done.stdout
-        assert "verdict: none of them was on" in run_command("inject", "disk_slow", "--off", "--bus", bench.bus).stdout
+        assert "verdict: none was on" in run_command("inject", "disk_slow", "--off", "--bus", bench.bus).stdout
         run_command("inject", "--process", "controller", "--signal", "stop", "--for", "0.1", "--bus", bench.bus)
         time.sleep(0.5)
         log = bench.stop().metadata["bench_faults"]

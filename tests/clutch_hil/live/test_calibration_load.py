@@ -56,7 +56,7 @@ def find_refusal(bench: Running, path: Path, *options: str) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('rig = "wet_clutch"', 'rig = "power_shift"', "is of the rig 'power_shift'; the one on local:bench"),
+        ('rig = "wet_clutch"', 'rig = "power_shift"', "is for the rig 'power_shift'; the rig on local:bench"),
         ("[calibration]", "[other]", "names no rig in a table"),
         ("value = 2.4", "value = 240.0", "contact_pressure = 240 bar breaks"),
         ("value = 2.4", 'value = 240.0, bounds = [0.1, 300.0]', "contact_pressure = 240 breaks"),
@@ -83,7 +83,7 @@ def test_a_file_that_is_not_there_is_told(bench: Running, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
-    [(["--with-plant"], "--with-plant goes with --calibration"), (["a=1", "--calibration", "c.toml"], "'a=1'")],
+    [(["--with-plant"], "--with-plant needs --calibration"), (["a=1", "--calibration", "c.toml"], "'a=1'")],
 )
 def test_options_that_do_not_go_together_are_told(options: list[str], sentence: str) -> None:
     done = run_command("tune", *options)

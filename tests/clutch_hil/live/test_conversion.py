@@ -58,8 +58,8 @@ def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize(
     ("target", "sentence"),
     [
-        ("run.xlsx", "run.xlsx has the suffix .xlsx; what can be written ends with .csv, .mf4, .parquet, .rrd"),
-        ("run", "run has the suffix -; what can be written ends with .csv, .mf4, .parquet, .rrd"),
+        ("run.xlsx", "run.xlsx has the suffix .xlsx; files that can be written end with .csv, .mf4, .parquet, .rrd"),
+        ("run", "run has the suffix -; files that can be written end with .csv, .mf4, .parquet, .rrd"),
         ("run.parquet", "run.parquet is read by this command and would be lost; give another name to write to"),
         ("other.mf4", "other.mf4 exists already; give another name, or --overwrite to replace it"),
         ("none/run.mf4", "none of run.mf4 does not exist"),
@@ -136,7 +136,9 @@ def test_a_part_is_viewed(tmp_path: Path) -> None:
     make_ramp(tmp_path / "a.parquet")
     assert [len(batch.rows) for batch in load_batches(tmp_path / "a.parquet", Stretch(1.0, 2.0))] == [101]
     convert(tmp_path / "a.parquet", tmp_path / "a.rrd")
-    with pytest.raises(InputError, match=r"a.rrd is a saved view, which is shown whole; a part can be taken of \.csv"):
+    with pytest.raises(
+        InputError, match=r"a.rrd is a saved view, which can only be shown completely; a part can be taken from \.csv"
+    ):
         load_batches(tmp_path / "a.rrd", Stretch(1.0, 2.0))
 
 
@@ -149,6 +151,8 @@ def test_a_part_of_the_running_bench_is_refused() -> None:
 @pytest.mark.parametrize("name", ["view.rrd", "frames.log", "bare"])
 def test_what_is_no_run_file_is_told_by_its_suffix(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("no Parquet")
-    message = rf"{name} has the suffix {Path(name).suffix or '-'}; what can be read ends with \.csv, \.mf4, \.parquet"
+    message = (
+        rf"{name} has the suffix {Path(name).suffix or '-'}; files that can be read end with \.csv, \.mf4, \.parquet"
+    )
     with pytest.raises(InputError, match=message):
         convert(tmp_path / name, tmp_path / "run.parquet")

@@ -223,20 +223,20 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((), "needs one of TORQUE, --pressure, --lock and --profile; given are none of them"),
+        ((), "needs one of TORQUE, --pressure, --lock and --profile; given: none"),
         (
             ("5", "--profile", "engagement"),
-            "needs one of TORQUE, --pressure, --lock and --profile; given are 5.0 and engagement",
+            "needs one of TORQUE, --pressure, --lock and --profile; given: 5.0 and engagement",
         ),
-        (("5", "--pressure", "3"), "given are 5.0 and 3.0"),
-        (("5", "--lock"), "given are 5.0 and --lock"),
-        (("--lock", "--profile", "engagement"), "given are engagement and --lock"),
-        (("--lock", "--ramp", "3"), "demand was given --lock and --ramp 3; a ramp is for a TORQUE or a --pressure"),
+        (("5", "--pressure", "3"), "given: 5.0 and 3.0"),
+        (("5", "--lock"), "given: 5.0 and --lock"),
+        (("--lock", "--profile", "engagement"), "given: engagement and --lock"),
+        (("--lock", "--ramp", "3"), "--lock and --ramp 3 cannot be combined; a ramp needs a TORQUE or a --pressure"),
         (("--lock", "--speed", "-27"), "speed -27 rad/s is outside -26.2..26.2 rad/s"),
         (("5", "--speed", "-27"), "speed -27 rad/s is outside -26.2..26.2 rad/s"),
         (("--pressure", "4.6"), "pressure 4.6 bar is outside 0..4.5 bar"),
         (("--pressure", "3", "--ramp", "0"), "ramp 0 bar/s is not possible; it must be 0.001 or more"),
-        (("--profile", "multisine", "--ramp", "1"), "--speed or --ramp; they are not for a profile"),
+        (("--profile", "multisine", "--ramp", "1"), "--speed or --ramp; the profile sets both"),
         (("31",), "torque 31 Nm is outside 0..30 Nm"),
         (("-1",), "torque -1 Nm is outside 0..30 Nm"),
         (("much",), "invalid value 'much' for 'torque': not a number"),
@@ -244,7 +244,7 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
         (("10", "20"), "unexpected word: 20"),
         (("5", "--seconds", "0"), "0 s is not possible"),
         (("--profile", "none"), "profile 'none' does not exist; known are"),
-        (("--profile", "/etc/passwd"), "profile '/etc/passwd' has another suffix; a profile file ends with .csv"),
+        (("--profile", "/etc/passwd"), "profile '/etc/passwd' has the wrong suffix; a profile file ends with .csv"),
     ],
 )
 def test_bad_input_is_told(arguments: tuple[str, ...], sentence: str) -> None:
@@ -324,7 +324,7 @@ def test_a_demand_is_logged_where_telemetry_is_published(tmp_path: Path) -> None
     summary = tmp_path / "controller.json"
     with running_bench(telemetry=True, summary=summary) as running:
         done = run_demand(running.bus, "5", "--seconds", "1")
-        assert "logged:  with the controller, as asked by " in done.stdout, done.output
+        assert "logged:  by the controller, as demanded by " in done.stdout, done.output
     (logged,) = json.loads(summary.read_text(encoding="utf-8"))["requests"]
     assert (logged["kind"], logged["demand"], logged["checked"]) == ("demand", "5 Nm", False)
 

@@ -54,9 +54,9 @@ def test_off_frees_and_biases_nothing() -> None:
         (["level=0.8"], False, [], "'level=0.8' comes before any effect; write EFFECT level=0.8, or GROUP.level=0.8"),
         (["friction_level", "level=x"], False, [], "'level=x' needs a number after the ="),
         (["oil.sump_temperature"], False, [], "parameter oil.sump_temperature has no value"),
-        (["friction_level", "level=1", "level=2"], False, [], "level is given twice"),
-        (["friction_level", LEVEL + "=2", "level=0.8"], False, [], "friction_level.level is given twice"),
-        (["friction_level", "level=1"], True, [], "what is switched off needs no value"),
+        (["friction_level", "level=1", "level=2"], False, [], "level was given twice"),
+        (["friction_level", LEVEL + "=2", "level=0.8"], False, [], "friction_level.level was given twice"),
+        (["friction_level", "level=1"], True, [], "an effect that is switched off needs no value"),
         ([], False, ["pressure"], "write --bias SENSOR=VALUE"),
         ([], True, ["pressure=1"], "write --bias SENSOR=VALUE, or --bias SENSOR --off"),
     ],
@@ -177,12 +177,12 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
     assert "friction_level.level = 9 breaks 0.3 <= value <= 3" in find_refusal(bench, SUMP + "=90", LEVEL + "=9")
     assert "is too late: the rig is at" in find_refusal(bench, SUMP + "=90", "--at", "0")
     assert "is not possible: it would last 0 s" in find_refusal(bench, "friction_level", "--for", "0")
-    assert "not what; name an effect" in find_refusal(bench, "--ramp", "2")
+    assert "nothing to inject; give an effect" in find_refusal(bench, "--ramp", "2")
     for option in ("--at", "--after", "--ramp", "--until", "--for"):
         assert find_refusal(bench, "friction_level", option, "-1") == f"{option} is -1 s; allowed are 0 and more"
     sentence = find_refusal(bench, "friction_level", "--clutch", "b")
     assert sentence.startswith("b.friction_level.")
-    assert "has one clutch: leave its name out" in sentence
+    assert "has only one: leave the name of the clutch out" in sentence
     assert line.read_state()["changed"] == []
 
 
@@ -209,7 +209,7 @@ def test_a_hostile_request_is_refused_and_the_service_lives(bench: Running, line
 
 def test_a_controller_refuses_what_is_to_come(line: Line) -> None:
     asked: dict[str, Any] = {"values": {"torque.integral_gain": 0.2}, "after": 1.0}
-    with pytest.raises(InputError, match=r"^only the plant takes a change for a time to come"):
+    with pytest.raises(InputError, match=r"^only the plant accepts a change for a later time"):
         set_parameters(line.session, line.bench, "controller", asked)
 
 
@@ -222,7 +222,7 @@ def test_what_is_done_is_told_to_people(bench: Running, line: Line) -> None:
     assert lines[-1].startswith("verdict: 2 changes accepted, the first at ")
     wait_until(lambda: not line.read_state()["changed"], "the change back")
     document = json.loads(run_command("inject", "--list", "--bus", bench.bus, "--json").stdout)
-    assert document["verdict"] == "0 parameters not as shipped, 0 changes to come"
+    assert document["verdict"] == "0 parameters not as shipped, 0 changes planned"
 
 
 @pytest.mark.parametrize("blind", [False, True])
@@ -284,7 +284,7 @@ def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
         assert {e["name"]: e["value"] for e in request_parameters(session, name, "plant")}[SUMP] == 70.0
         assert ask(session, keys.last, check_last)["values"]["plant_parameter_changes"]["value"] == 0.0
         sentence = run_command("inject", "--list", "--bus", local_bus)
-        assert "the plant is blind: it does not tell what is on" in sentence.stdout
+        assert "the plant is blind: it does not show what is on" in sentence.stdout
 
 
 def test_more_changes_than_a_plant_can_take_are_refused_and_the_others_are_made(bench: Running, line: Line) -> None:

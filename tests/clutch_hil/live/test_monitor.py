@@ -346,7 +346,7 @@ def test_a_stopped_plant_is_seen_by_a_monitor_that_comes_later(bench: Running) -
     assert code == 1
     stalled, fault = sentence["troubles"]
     assert stalled == "the plant is stalled"
-    assert "stale sensors: no believable sample for " in fault
+    assert "stale sensors: no plausible sample for " in fault
 
 
 def test_a_change_whose_value_before_is_not_told_is_shown_without_it() -> None:

@@ -194,7 +194,7 @@ def test_without_a_terminal_one_sentence_is_told(local_bus: str) -> None:
         _, errors = child.communicate(timeout=PATIENCE)
     assert child.returncode == 2
     assert list_errors(errors) == [
-        "error: the panel needs a keyboard, and the standard input is no terminal; try clutch-hil demand"
+        "error: the panel needs a keyboard, but the standard input is not a terminal; use clutch-hil demand"
     ]
 
 

@@ -64,7 +64,7 @@ def test_who_ends_the_waiting_for_a_bench_has_no_recording(monkeypatch: pytest.M
     session: Any = None
     stop = Stop()
     stop.asked = True
-    with pytest.raises(InterruptionError, match="no bench came; nothing was recorded"):
+    with pytest.raises(InterruptionError, match="no bench was found; nothing was recorded"):
         bench_recording._wait_for_bench(session, None, stop, PATIENCE, NoNotifier())
 
 
@@ -138,7 +138,7 @@ def wait_for_bench(session: Any, bus: str) -> str:
     [
         (("run.xlsx",), "cannot be recorded as '.xlsx'; allowed are .asc, .blf, .csv, .log"),
         (("--seconds", "-1"), "--seconds -1 is not possible"),
-        (("run.blf", "--router", "tcp/1.2.3.4:7447"), "leave --router away"),
+        (("run.blf", "--router", "tcp/1.2.3.4:7447"), "leave --router out"),
         (("run.blf", "--bus", "can7"), "bus 'can7' does not exist"),
     ],
 )  # fmt: skip

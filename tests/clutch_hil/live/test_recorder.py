@@ -65,7 +65,7 @@ def test_a_controller_whose_rows_come_first_is_joined_too(
 def test_lost_rows_make_the_verdict_bad() -> None:
     sentence = RecordingResult("bench", RATE, {Path("run.parquet"): 1000}, {"plant": 0, "controller": 7})
     assert not sentence.good
-    assert sentence.verdict == "2.0 s recorded; rows that never came: 7 of the controller"
+    assert sentence.verdict == "2.0 s recorded; rows that did not arrive: 7 of the controller"
 
 
 def test_a_plant_that_begins_anew_is_a_run_of_its_own(

@@ -118,7 +118,7 @@ def test_two_runs_stand_side_by_side(run_file: Path, tmp_path: Path) -> None:
     assert set(tables) == {"a/plant", "a/controller", "b/plant", "b/controller"}
     for node in ("plant", "controller"):
         assert np.array_equal(tables[f"a/{node}"].rows, tables[f"b/{node}"].rows, equal_nan=True)
-    assert "holds two runs side by side" in find_refusal(both, "--headless")
+    assert "contains two runs side by side" in find_refusal(both, "--headless")
 
 
 @pytest.mark.parametrize(
@@ -126,8 +126,8 @@ def test_two_runs_stand_side_by_side(run_file: Path, tmp_path: Path) -> None:
     [
         (["missing.parquet"], "run missing.parquet does not exist"),
         (["notes.txt"], "run notes.txt has the suffix .txt; allowed are .csv, .mf4, .parquet, .rrd"),
-        (["a.parquet", "b.parquet", "c.parquet"], "3 runs were given; allowed are one, or two side by side"),
-        (["a.parquet", "a.parquet"], "run a.parquet was given twice; two runs side by side are two files"),
+        (["a.parquet", "b.parquet", "c.parquet"], "3 runs were given; allowed are one, or two to show side by side"),
+        (["a.parquet", "a.parquet"], "run a.parquet was given twice; give two different files"),
         (["broken.parquet"], "run broken.parquet cannot be read"),
         (["broken.rrd"], "file broken.rrd cannot be read"),
     ],

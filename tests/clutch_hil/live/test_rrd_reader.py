@@ -75,5 +75,5 @@ def test_a_recording_of_something_else_holds_no_bench(tmp_path: Path) -> None:
     recording.log("door", rr.TextLog("open"))
     recording.flush()
     recording.disconnect()
-    with pytest.raises(InputError, match="holds no rows of a bench"):
+    with pytest.raises(InputError, match="contains no rows of a bench"):
         read_rrd(tmp_path / "other.rrd")

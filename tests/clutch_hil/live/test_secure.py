@@ -120,9 +120,9 @@ def test_the_operator_tunes_injects_and_demands_and_each_is_logged_with_name_and
     began = time.time()
     network = ("--bus", BUS, "--network", lab.file("operator"))
     tuned = run_command("tune", f"controller.{GAIN}=0.21", *network)
-    assert "1 parameter changed, asked by ada" in tuned.stdout, tuned.output
+    assert "1 parameter changed, requested by ada" in tuned.stdout, tuned.output
     injected = run_command("inject", "oil.sump_temperature=71", *network)
-    assert "asked by ada" in injected.stdout, injected.output
+    assert "requested by ada" in injected.stdout, injected.output
     with open_consumer_session(lab.file("operator")) as session:
         key = Keys(lab.name, "controller").change_by("ada")
         replies = list(session.get(key, payload=json.dumps({"demand": "10 Nm for a test"}), timeout=5.0))
@@ -151,7 +151,7 @@ def test_the_operator_cannot_take_another_name(lab: Lab) -> None:
 def test_the_command_of_a_viewer_says_why_it_does_not_try(lab: Lab, command: tuple[str, ...]) -> None:
     done = run_command(*command, "--bus", BUS, "--network", lab.file("viewer"))
     assert isinstance(done.exception, InputError)
-    assert "is for the role viewer, which changes nothing; allowed is operator.json" in str(done.exception)
+    assert "is for the role viewer, which may not change anything; allowed is operator.json" in str(done.exception)
 
 
 @pytest.mark.parametrize("fault", ["no certificate", "another authority", "no TLS"])
@@ -306,7 +306,7 @@ def test_a_file_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
         "x" * (1 << 21),
     ):
         viewer.write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match=r"is not one that|has more than"):
+        with pytest.raises(InputError, match=r"was not written by|has more than"):
             read_lab(str(viewer))
     with pytest.raises(InputError, match="does not exist"):
         read_lab(str(tmp_path / "none.json"))

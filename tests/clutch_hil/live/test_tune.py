@@ -54,7 +54,7 @@ def test_a_name_needs_no_node_where_it_is_clear() -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("shared.name", "parameter 'shared.name' is ambiguous; there are controller.shared.name, plant.shared.name"),
+        ("shared.name", "parameter 'shared.name' is ambiguous; it can be controller.shared.name, plant.shared.name"),
         ("torque.proportional_gian", "did you mean torque.proportional_gain"),
         ("plant.clutch.coulomb_slop", "did you mean plant.clutch.coulomb_slope"),
         (
@@ -90,7 +90,7 @@ def test_values_are_sorted_by_node() -> None:
     [
         (["torque.proportional_gain=abc"], "is given as 'abc'; a number is needed, 0 to 100 bar/Nm"),
         (["torque.proportional_gain="], "is given as ''"),
-        (["torque.integral_gain=1", "controller.torque.integral_gain=2"], "is given twice"),
+        (["torque.integral_gain=1", "controller.torque.integral_gain=2"], "was given twice"),
         (["torque.integral_gain=101"], "parameter controller.torque.integral_gain = 101 breaks 0 <= value <= 100"),
         (["torque.proportional_gain=-1"], "torque.proportional_gain = -1 bar/Nm breaks 0 <= value <= 100"),
         (["torque.integral_gain=nan"], "= nan breaks"),
@@ -117,7 +117,7 @@ PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items
         (
             "torque.integral_gain",
             "the controller on local:tuned does not answer, and the plant has no parameter 'torque.integral_gain'; "
-            "nearest there is motor.integral_gain",
+            "the nearest name is motor.integral_gain",
         ),
         ("plant.clutch.slope", "parameter 'plant.clutch.slope' is unknown; did you mean plant.clutch.coulomb_slope"),
     ],
@@ -329,8 +329,8 @@ def test_both_services_are_tuned_at_once(bench: Running) -> None:
     assert all(change["row"] > 0 for change in sentence)
     again = run_command("tune", "torque.proportional_gain=0.02", "--bus", bench.bus).stdout
     assert "controller.torque.proportional_gain  0.02 bar/Nm, as before" in again
-    assert "verdict: 0 parameters changed, asked by " in again
-    assert again.rstrip().endswith("; 1 had this value")
+    assert "verdict: 0 parameters changed, requested by " in again
+    assert again.rstrip().endswith("; 1 already had this value")
     now = tune(bench, "torque.proportional_gain", "clutch.coulomb_slope")["parameters"]
     assert [entry["value"] for entry in now.values()] == [0.02, 11.5]
 

@@ -256,7 +256,7 @@ def test_without_a_vulkan_driver_a_view_says_what_brings_one(bus: str, monkeypat
 
 def test_without_a_display_a_view_says_what_else_there_is() -> None:
     expected_text = find_refusal_of_process()
-    assert "there is no display" in expected_text
+    assert "the viewer has no display" in expected_text
     assert all(way in expected_text for way in ("--web", "--save FILE.rrd", "clutch-hil monitor"))
 
 
@@ -275,7 +275,7 @@ def test_a_port_that_is_taken_is_refused() -> None:
     [
         (["--save", "nowhere/run.rrd"], "folder nowhere of run.rrd does not exist"),
         (["--save", "run.txt"], "file run.txt has the suffix .txt; a saved view ends with .rrd"),
-        (["--save", "run.rrd", "--seconds", "0"], "view cannot last 0 s; allowed is more than 0 s"),
+        (["--save", "run.rrd", "--seconds", "0"], "--seconds is 0 s; allowed is more than 0 s"),
         (
             ["--headless", "--memory", "much"],
             "memory 'much' is not possible; allowed are for example 500MB, 2GB and 25%",
@@ -293,11 +293,11 @@ def test_a_port_that_is_taken_is_refused() -> None:
         ),
         (["--web", "--address", "0.0.0.0"], "the page cannot be served at '0.0.0.0'; allowed is an address of this"),
         (["--web", "--address", "nowhere"], "the page cannot be served at 'nowhere'"),
-        (["--web", "--headless"], "more than one of --web, --headless and --window was given; allowed is one"),
+        (["--web", "--headless"], "more than one of --web, --headless and --window was given; only one is allowed"),
         (["--save", "run.rrd", "--seconds", "0.5", "--bus", "local:nobody"], "no bench on local:nobody"),
         (
             ["mine.parquet", "--save", "run.rrd", "--bus", "local:a"],
-            "--bus local:a and run mine.parquet were given; --bus is for the running bench",
+            "--bus local:a and run mine.parquet cannot be combined; --bus is for the running bench",
         ),
     ],
 )
