@@ -65,7 +65,9 @@ class Experiment:
         """Return a one-sentence description of the experiment."""
         make = EXPERIMENTS.get(self.profile)
         title = ((make and make.__doc__) or self.profile).rstrip(".")
-        return title if not self.shift else f"{title}; here each pressure is {self.shift:+.2f} bar from these"
+        return (
+            title if not self.shift else f"{title}; here each pressure is shifted by {self.shift:+.2f} bar from these"
+        )
 
     @property
     def seconds(self) -> float:
@@ -81,8 +83,8 @@ class Experiment:
             return profile.shift_pressures(self.shift)
         except InputError as error:
             raise InputError(
-                f"experiment {self.name} would be played {self.shift:+.2f} bar from its own pressures, where the controller"
-                f" expects contact: {error}; `clutch-hil frames --pressure` makes a bench for higher ones"
+                f"experiment {self.name} would be played {self.shift:+.2f} bar from its own pressures, to fit the contact"
+                f" pressure of the controller: {error}; `clutch-hil frames --pressure` makes a bench for higher pressures"
             ) from None
 
     @contextmanager
@@ -214,7 +216,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
         "predicted_difference": {},
     }
     if not isinstance(model, Experimenting):
-        return proposal | {"why": f"the rig {model.name} has no bench that could play an experiment"}
+        return proposal | {"why": f"the rig {model.name} has no bench that can play an experiment"}
     bench = check_bench(model.make_bench(), model.name)
     comparisons = [c for e in bench.experiments if (c := _compare(model, bench, e, parameters, options, floors))]
     comparisons.sort(

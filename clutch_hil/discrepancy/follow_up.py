@@ -43,19 +43,19 @@ class Report:
             raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
         if document["verdict"] == IDENTIFY_FIRST:
             command = (document.get("recalibration") or {}).get("command")
-            what = f"type: {command}" if command else "state its model's parameters anew"
+            what = f"type: {command}" if command else "state the parameters of its model again"
             raise InputError(f"report {path} says to identify the rig first, and proposes no experiment; {what}")
         experiment = read_proposal(f"report {path}", document.get("experiment"))
         hashes = document.get("runs")
         if not isinstance(hashes, Mapping) or not hashes:
-            raise InputError(f"report {path} names no runs; write it anew with clutch-hil discrepancy")
+            raise InputError(f"report {path} names no runs; write it again with clutch-hil discrepancy")
         for name, sha in hashes.items():
             if not os.path.isfile(name):
                 raise InputError(
-                    f"run {name} of report {path} does not exist; run this command where the report was made"
+                    f"run {name} of report {path} does not exist; run this command in the folder in which the report was made"
                 )
             if compute_checksum(Path(name)) != sha:
-                raise InputError(f"run {name} has been changed since report {path} was written: its SHA-256 is another")
+                raise InputError(f"run {name} has been changed since report {path} was written: its SHA-256 differs")
         held_out = tuple(map(str, document.get("holdout") or ()))
         model = document.get("model")
         fitted = tuple(Path(name) for name in hashes if name not in held_out)
@@ -74,16 +74,18 @@ class Report:
 def _read_document(path: Path) -> Mapping[str, Any]:
     document = read_json(path, "report")
     if not isinstance(document, Mapping) or "verdict" not in document:
-        raise InputError(f"{path} is no report of clutch-hil discrepancy: it has no verdict")
+        raise InputError(f"{path} is not a report of clutch-hil discrepancy: it has no verdict")
     return document
 
 
 def read_proposal(source: str, proposed: Any) -> Experiment:
     """Return the experiment that the entry `experiment` of a result proposes; `source` names the result. Raises InputError."""
     if not isinstance(proposed, Mapping):
-        raise InputError(f"{source} proposes no experiment: its verdict waits for none")
+        raise InputError(f"{source} proposes no experiment: its verdict needs none")
     if not proposed.get("profile"):
-        raise InputError(f"{source} proposes no experiment: {proposed.get('why', 'none separates the alternatives')}")
+        raise InputError(
+            f"{source} proposes no experiment: {proposed.get('why', 'no experiment separates the alternatives')}"
+        )
     settings = proposed.get("settings", {})
     try:
         shift = float(settings.get("shift", 0.0))

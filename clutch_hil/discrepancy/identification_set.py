@@ -110,7 +110,8 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
     line = estimate_line(columns)
     if line is None:
         raise InputError(
-            f"run {run} shows no torque that rises with the pressure: no contact pressure is found; {_describe_expected(bench)}"
+            f"run {run} shows no torque that rises with the pressure: no contact pressure was found;"
+            f" {_describe_expected(bench)}"
         )
     nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     gain = estimate_valve_gain(take_samples(columns)) or nominal["valve.gain"]
@@ -122,8 +123,8 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
 
 def _describe_expected(bench: CourseBench) -> str:
     return (
-        f"the controller expects contact at {bench.contact:g} bar: give it {', '.join(EXPECTED)} of your clutch, by"
-        " --controller-parameters FILE or, on a bench that runs, by clutch-hil tune"
+        f"the controller expects contact at {bench.contact:g} bar: give it {', '.join(EXPECTED)} of your clutch,"
+        " with --controller-parameters FILE or, on a running bench, with clutch-hil tune"
     )
 
 
@@ -219,13 +220,17 @@ def play_until_reached(
     except KeyboardInterrupt:
         raise InterruptionError(f"the goals are not reached{_describe_kept(runs)}") from None
     except BaseException:  # a compiler or a library may turn an interruption into another exception
-        tell(f"broken off{_describe_kept(runs)}")
+        tell(f"interrupted{_describe_kept(runs)}")
         raise
 
 
 def _describe_kept(runs: Sequence[Path]) -> str:
     """Return a clause that names the complete runs."""
-    return f"; whole are {', '.join(map(str, runs))}: clutch-hil identify takes them" if runs else "; no run is whole"
+    return (
+        f"; complete are {', '.join(map(str, runs))}: use them with clutch-hil identify"
+        if runs
+        else "; no run is complete"
+    )
 
 
 class BorrowedController:

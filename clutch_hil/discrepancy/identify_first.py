@@ -79,17 +79,20 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
         ]
         limits = "; ".join(needed)
         text = (
-            f"uncertainties that allow the calibration, of which {share:g} is used: {limits}; state them, or identify"
+            f"uncertainties that would allow the calibration ({share:g} of each is used): {limits}; state"
+            " them, or identify"
         )
         return [text] if needed else []
     notes = []
     for e in baseline:
         if e.uncertainty > 0.0 and abs(e.value - e.nominal) >= _AT_LIMIT * share * e.uncertainty:
             unit = "" if e.unit == "1" else f" {e.unit}"
-            remedy = "check that sensor" if e.name.startswith("sensors.") else "state more, or identify it"
+            remedy = (
+                "check this sensor" if e.name.startswith("sensors.") else "state a larger uncertainty, or identify it"
+            )
             notes.append(
                 f"{e.name} ends at the limit of its uncertainty: {e.value:.4g}{unit} where {e.nominal:.4g} +-"
-                f" {e.uncertainty:.2g} is stated and {share:g} of that is allowed; {remedy}"
+                f" {e.uncertainty:.2g} is stated and a share of {share:g} of it is allowed; {remedy}"
             )
     return notes
 
@@ -97,14 +100,16 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
 def note_rest(recalibration: Recalibration) -> list[str]:
     """Return a note where the re-calibration leaves less than the effects do, but not nothing: both may be wrong."""
     if recalibration.explains:
-        left = f"even re-calibrated the model leaves {recalibration.after:.2g} times the floor's power"
+        left = (
+            f"even after re-calibration the model leaves {recalibration.after:.2g} times the power of the noise floor"
+        )
         return (
-            [] if recalibration.is_complete else [f"{left}: an effect may be missing too; identify, then search again"]
+            [] if recalibration.is_complete else [f"{left}: an effect may also be missing; identify, then search again"]
         )
     if recalibration.after > _MUCH_LESS * recalibration.effects:
         return []
     return [
-        f"a calibration beyond the stated uncertainty explains {recalibration.closed:.1%} of what disagrees by itself,"
-        f" more than these effects do, but not all of it: {recalibration}. If nobody has identified this rig,"
+        f"a calibration beyond the stated uncertainty explains {recalibration.closed:.1%} of the disagreement by itself,"
+        f" more than these effects do, but not all of it: {recalibration}. If this rig was never identified,"
         f" {recalibration.advice}"
     ]

@@ -96,7 +96,9 @@ class RunningBench:
             bench = find_bench(session, resolve(self.bus))
             about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3)
         if about is None:
-            raise InputError(f"the plant of bench {bench} does not describe itself; an experiment needs its telemetry")
+            raise InputError(
+                f"the plant of bench {bench} does not publish its description; an experiment needs its telemetry"
+            )
         _check_experiments(find_rig(about.get("rig", DEFAULT_RIG)))
 
     def find_contact(self) -> float:
@@ -141,7 +143,7 @@ def play_experiment(
     evidence.
     """
     if experiment is not None and not isinstance(experiment, (str, Mapping)):
-        raise InputError(f"experiment is {experiment!r}; allowed is a name, or what a result proposes")
+        raise InputError(f"experiment is {experiment!r}; allowed is a name, or the experiment that a result proposes")
     named = find(experiment) if isinstance(experiment, str) else read_proposal("the result", experiment)
     settings = {"plant_parameters": plant_parameters, "seed": seed}
     under_test = compose_scenario(scenario, settings, plant, effects=effects)
@@ -155,7 +157,7 @@ def play_experiment(
         bench.wait()
         run = bench.stop()
     if (fault := under_test.rig.compute_measure("fault", run.columns)) != "none":
-        raise InputError(f"experiment {played.name} ended in a fault ({fault}); its run is no evidence")
+        raise InputError(f"experiment {played.name} ended in a fault ({fault}); its run cannot be used")
     return run
 
 
@@ -191,7 +193,7 @@ def plant_under_test(
         return
     if scenario or changed:
         raise InputError(
-            f"--draw was given and {'--scenario' if scenario else '--plant-parameters'}; allowed is one of them"
+            f"--draw and {'--scenario' if scenario else '--plant-parameters'} were both given; only one of them is allowed"
         )
     drawn_plant, shipped = draw_plant(draw), wet_clutch.load_nominal()
     values = {name: p.value for name, p in drawn_plant.items() if p.value != shipped[name].value}
@@ -204,14 +206,14 @@ def plant_under_test(
 def _check_experiments(rig: Rig) -> None:
     """Raise InputError where the benches of a rig cannot play experiments."""
     if not isinstance(rig.model(), Experimenting):
-        raise InputError(f"rig {rig.name} has no bench that could play an experiment")
+        raise InputError(f"rig {rig.name} has no bench that can play an experiment")
 
 
 def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
     """Return `path` if the run may be fitted: complete and without a fault, in which the controller stops the motor."""
     if interrupted:
-        raise InterruptionError(f"experiment {experiment.name} was not played to its end; {path} holds a part of it")
+        raise InterruptionError(f"experiment {experiment.name} was not played to its end; {path} contains a part of it")
     run = read_run(path)
     if (fault := find_rig(run.metadata["rig"]).compute_measure("fault", run.columns)) != "none":
-        raise FaultError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")
+        raise FaultError(f"experiment {experiment.name} ended in a fault ({fault}); {path} cannot be used")
     return path

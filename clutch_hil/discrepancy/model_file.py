@@ -49,7 +49,9 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
         "values", {}
     )  # of none_of_these: it reproduces the rest without explaining it
     after |= {
-        name: replace(parameters[name], value=float(value), source=f"surrogate of what is missing, data SHA-256 {data}")
+        name: replace(
+            parameters[name], value=float(value), source=f"surrogate of the missing physics, data SHA-256 {data}"
+        )
         for name, value in carried.items()
     }
     text = "\n".join([*_format_header(result, data), *_format_parameters((before | after).values()), ""])

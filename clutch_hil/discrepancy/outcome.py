@@ -134,9 +134,9 @@ def find_discrepancy(
     if effects is not None:
         effects = [take_name("effects", name) for name in take_list("effects", effects)]
     if not runs:
-        raise InputError("a discrepancy was asked for without runs; one or more are needed")
+        raise InputError("the discrepancy search has no runs; one or more are needed")
     if effects == []:
-        raise InputError("a discrepancy was asked for without candidates; give names of effects, or None for all")
+        raise InputError("the discrepancy search has no candidates; give names of effects, or None for all")
     changed = take_path("model", model) if model is not None else None
     models = find_models(rig, changed)
     if calibration is not None:
@@ -157,7 +157,7 @@ def find_discrepancy(
         refuse_hard(findings)
     result = investigate(known, fitted, held, effects, progress)
     forced = any(finding.hard for finding in findings)
-    overruled = ["hard checks were overruled by --force: what follows is no evidence"] if forced else []
+    overruled = ["hard checks were overruled by --force: the results below cannot be relied on"] if forced else []
     result = replace(
         result, hashes=hashes, holdout=list(held), model=str(changed) if changed else None, checks=findings, forced=forced,
         notes=[*overruled, *missing, *list_findings(findings), *result.notes],
@@ -171,7 +171,7 @@ def _cut_at_fault(name: str, run: Columns, findings: list[Finding]) -> Columns:
     if cut:
         findings.append(replace(cut, run=name))
         if len(kept["time_s"]) < 2:
-            raise InputError(f"run {name} is in a fault from its first rows on ({cut.column}); it is no evidence")
+            raise InputError(f"run {name} is in a fault from its first rows on ({cut.column}); it cannot be used")
     return kept
 
 
@@ -180,7 +180,7 @@ def _check_paths(runs: Sequence[Run | str | Path]) -> None:
     seen: set[Path] = set()
     for path in (Path(run) for run in runs if not isinstance(run, Run)):
         if (resolved := path.resolve()) in seen:
-            raise InputError(f"run {path} is given twice; each run is fitted or held out, once")
+            raise InputError(f"run {path} was given twice; each run can be fitted or held out only once")
         seen.add(resolved)
 
 

@@ -76,7 +76,7 @@ class Recalibration:
     def advice(self) -> str:
         """Return what the user should do."""
         if self.command:
-            return f"type: {self.command}, then discrepancy with its file as --calibration"
+            return f"run: {self.command}, then discrepancy with its file as --calibration"
         return "state these values, or larger uncertainties, in the model's parameters"
 
     def __str__(self) -> str:

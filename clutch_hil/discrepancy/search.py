@@ -80,7 +80,7 @@ def investigate(
     if verdict == NONE_OF_THESE and (bounded := selection.list_at_bounds()):
         notes.append(
             f"{' and '.join(c.name for c in selection.named)} would explain the disagreement best, but {' and '.join(bounded)}"
-            f" {'rests at its bound' if len(bounded) == 1 else 'rest at their bounds'}, so it is not believed"
+            f" {'rests at its bound' if len(bounded) == 1 else 'rest at their bounds'}, so this is not accepted"
         )
     if verdict not in (NAMED, ONE_OF):
         selection.drop_effects()  # the effects do not explain enough
@@ -99,7 +99,7 @@ def investigate(
             verdict, selection.confidence, held_out_alone = NONE_OF_THESE, NONE_CONFIDENCE, True
         elif unseen:
             notes.append(unseen)
-    notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
+    notes += [f"{c.name} is evident without a fit: {one.why}" for c, one in evident.items()]
     if selection.reading:
         notes.append(f"the baseline alone fits these runs better where {selection.reading}")
     baseline = selection.estimate_parameters(effects=False)
@@ -117,7 +117,7 @@ def investigate(
     if held_out_alone:
         surrogate = {"sentence": unseen, "values": {}}
     elif verdict == NONE_OF_THESE:
-        progress("shape of the rest", 0.9)
+        progress("shape of the residual", 0.9)
         surrogate = describe_residual(model, evidence.runs, floors, *before.point)
         after = _add_surrogate(evidence, before, surrogate["values"])
         if after is before:
@@ -132,7 +132,7 @@ def investigate(
     if verdict in (NAMED, ONE_OF) and not evident and (doubts := note_open_gap(gap)):
         notes += doubts
         selection.confidence = min(selection.confidence, DOUBTFUL_CONFIDENCE)
-    progress("where they disagree", 0.9)
+    progress("regimes of the disagreement", 0.9)
     where = find_claims(model, list((held if held_out_alone else runs).values()), floors, *before.point)
     if verdict in (NAMED, ONE_OF):
         shown = {n: values[0] for one in evident.values() for n, values in one.intervals.items()}
@@ -145,7 +145,7 @@ def investigate(
         largest = {(c.block, c.output, c.regime): c for c in sorted(acts, key=lambda claim: claim.size)}
         where = sorted(largest.values(), key=lambda claim: -claim.times_floor) or where
     if verdict == ONE_OF:
-        progress("experiment that separates them", 0.95)
+        progress("experiment that separates the alternatives", 0.95)
         options = [selection.values[name] for name in alternatives[0]]
         proposed = propose(model, after.point[0], options, floors)
     progress("done", 1.0)
@@ -183,7 +183,9 @@ def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candid
     known = {c.name: c for c in model.candidates}
     for name in names or []:
         if name not in known:
-            raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {suggest_closest(name, known)}")
+            raise InputError(
+                f"effect {name!r} is not a candidate of the rig {model.name}; {suggest_closest(name, known)}"
+            )
     return [known[n] for n in dict.fromkeys(names)] if names else list(model.candidates)
 
 

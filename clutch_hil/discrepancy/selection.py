@@ -306,17 +306,17 @@ class EffectSelection:
             closed = float(np.clip(r.gain / whole, 0.0, 1.0))
             reason = f"closes {closed:.1%} of the gap where {w.closed:.1%} can be closed"
             if r.gain <= LEAST_GAIN * size:
-                reason = "explains nothing that the baseline's own parameters do not"
+                reason = "explains nothing more than the parameters of the baseline do"
             elif self._contradiction.get(r.name, 0.0) > DISAGREEMENT:
-                reason = "makes an output worse than the baseline alone does, which what is missing cannot"
+                reason = "makes an output worse than the baseline alone, which a missing effect cannot do"
             elif r.name in self._at_bound:
                 reason = (
-                    f"closes {closed:.0%} of the gap with {self._at_bound[r.name]} at its bound, and is not believed"
+                    f"closes {closed:.0%} of the gap with {self._at_bound[r.name]} at its bound, and is not accepted"
                 )
             elif not w.is_significant:
                 reason = "explains no more than chance or a slightly wrong law can"
             elif not best:
-                reason = f"closes {closed:.0%} of the gap; to be named it takes {LEAST_CLOSED[0]:.0%}"
+                reason = f"closes {closed:.0%} of the gap; to be named it must close {LEAST_CLOSED[0]:.0%}"
             rivals.append(replace(r, closed=closed, reason="" if r.name in best else reason))
         return rivals
 

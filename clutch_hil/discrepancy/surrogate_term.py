@@ -105,9 +105,9 @@ def describe_residual(
         shape = shape.replace("the shaft's angle", f"the shaft's angle, {target.order} a turn")
     share = f"this explains {100.0 * r2:.0f} % of the excess over the floor in left-out runs"
     if not np.isfinite(r2):
-        share = "no second run was there to check it"
+        share = "there was no second run to check it"
     return _make_description(
-        one, ranked, r2, values, f"{_name_place(one)}: what is missing is {shape}; {share}.", shape
+        one, ranked, r2, values, f"{_name_place(one)}: the missing part is {shape}; {share}.", shape
     )
 
 
@@ -142,10 +142,10 @@ def _describe_unexplained(one: Source, target: Target, r2: float) -> str:
     hertz = np.arange(len(power)) / (segment * MEAN)
     peak = 2 + int(np.argmax(power[2:])) if len(power) > 3 else 0
     sharp = power[peak] > 10.0 * float(np.median(power[2:])) and peak > 2
-    own = f"it swings at {hertz[peak]:.1f} Hz" if sharp else "it has no frequency of its own"
+    own = f"it oscillates at {hertz[peak]:.1f} Hz" if sharp else "it has no dominant frequency"
     known = f"at most {max(100.0 * r2, 0.0):.0f} %" if np.isfinite(r2) else "little"
     return (
-        f"{_name_place(one)}: what is missing is no simple function of {_list_variables(target)}"
+        f"{_name_place(one)}: the missing part is not a simple function of {_list_variables(target)}"
         f" ({known} of the excess explained in left-out runs); {own}."
     )
 

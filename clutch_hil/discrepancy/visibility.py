@@ -27,7 +27,7 @@ class Visibility:
         check_bench(bench, model.name)
         for experiment in experiments:
             if (inputs := bench.plan_inputs(experiment, parameters, {})) is None:
-                raise InputError(f"experiment {experiment.name} comes too near a limit of the rig; see its profile")
+                raise InputError(f"experiment {experiment.name} comes too close to a limit of the rig; see its profile")
             runs.append({**inputs, **model.simulate(inputs, parameters, {})})
         self._evidence = PredictedRuns(model, runs, floors)
         self._at = linearise(self._evidence, (parameters, {}), free_baseline(model.parameters, find_calibration(model)))

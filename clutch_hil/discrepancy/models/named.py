@@ -100,8 +100,8 @@ def select_evidence(path: Path, run: Run, model: Model) -> Columns:
     for name in (*model.inputs, *outputs):
         if source := find_source(given := read_not_measured(run), name, outputs - {name}):
             raise InputError(
-                f"run {path}: {name} is {given[name]} by its import map, and no measurement beside {source}; compared are"
-                " columns that were measured each by itself"
+                f"run {path}: {name} is {given[name]} by its import map, so it is not measured independently of"
+                f" {source}; compared are only columns with a measurement of their own"
             )
     completed = model.complete_run(run.columns) if isinstance(model, Completing) else run.columns
     check_run_columns(path, completed, columns)

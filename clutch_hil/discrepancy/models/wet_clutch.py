@@ -89,8 +89,8 @@ class WetClutch:
     doubtful_timing, most_timing = 1e-3, 1e-2
     # Eq. 6.9 does not cover plates at rest: they may stick, or the friction follows there with the same lag
     readings: Mapping[str, Values] = {
-        "plates that rest hold at once what is applied": {"standstill.lag": 0.0},
-        "friction of plates that rest builds up by eq. 6.9": {"standstill.lag": 1.0},
+        "plates at rest carry the applied torque immediately": {"standstill.lag": 0.0},
+        "friction of plates at rest builds up by eq. 6.9": {"standstill.lag": 1.0},
     }
     blocks: Mapping[str, tuple[str, ...]] = {
         "hydraulics": ("cylinder_pressure_bar",),
@@ -168,7 +168,7 @@ class WetClutch:
             "clutch_torque_nm": Limits(-torque, torque),
             "motor_torque_nm": Limits(-motor, motor),
             "slip_speed_rad_s": Limits(
-                rest=f"the plates are locked under a limit of the motor, which {_LIMIT} must tell"
+                rest=f"the plates are locked and the motor is at its limit, which {_LIMIT} must state"
             ),
             "oil_temperature_degc": Limits(_COLDEST, one["oil.sump_temperature"] + _HEATED, delay=_LATE_TEMPERATURE),
         }
@@ -225,7 +225,7 @@ class WetClutch:
             intervals[f"{name}.offset"] = offset, offset - _TOLD, offset + _TOLD
             step = float(np.median(seen[:, 0])) / volt
             rounding[column] = step / np.sqrt(12.0)
-            reasons.append(f"{column} takes only values {step:.3g} apart")
+            reasons.append(f"{column} has only values {step:.3g} apart")
         return {name: Evident(intervals, rounding, ", ".join(reasons))} if reasons else {}
 
     def _simulate(

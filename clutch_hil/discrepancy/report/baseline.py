@@ -19,13 +19,13 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     far = [e.name for e in known if abs(_compute_shift(e)) > _FAR_SHIFT]
     summary = "None moved by more than twice its stated uncertainty."
     if far:
-        summary = f"{list_words(far)} moved by more than twice the stated uncertainty: look there."
-    text = f"A rig that is only calibrated otherwise must not be taken for missing physics, so these were fitted too. {summary}"
+        summary = f"{list_words(far)} moved by more than twice the stated uncertainty: check these."
+    text = f"These were fitted too, so that a different calibration of the rig does not look like missing physics. {summary}"
     most = f" The {_MOST_DRAWN} of {len(known)} that moved most." if len(known) > _MOST_DRAWN else ""
     picture = make_figure(
         pictures.draw_baseline(known[:_MOST_DRAWN]),
         "shifts of the baseline's parameters",
-        "Shift of each parameter with its 95 % interval, in multiples of the uncertainty it is known to; shaded: 1 and 2."
+        "Shift of each parameter with its 95 % interval, in multiples of its stated uncertainty; shaded: 1 and 2."
         f"{most}",
     )
     order = known + [e for e in estimates if not e.uncertainty > 0.0]

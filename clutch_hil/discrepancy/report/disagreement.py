@@ -16,15 +16,16 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     for column in pictures.examined_outputs:
         name = format_column(column, pictures.result.units.get(column))
         caption = (
-            f"{name.capitalize()}: measured (black) and {model} (red). Below, the residual: measured less model;"
-            " grey: twice the noise floor, where 95 % of it lie if the model is right."
+            f"{name.capitalize()}: measured (black) and {model} (red). Below, the residual: measured minus model;"
+            " grey: twice the noise floor, which contains 95 % of it if the model is right."
         )
         parts.append(make_figure(pictures.draw_stretch(column), f"{name} measured and modelled", caption))
     parts += [
         make_figure(
             pictures.draw_shapes(),
             "loops and residual maps",
-            "Left: the output over what it follows, about the worst stretch. Right: mean residual of all runs over variables"
+            "Left: the output over the variable that it depends on, around the worst stretch. Right: mean residual of"
+            " all runs over variables"
             " that explain most of it, while they rise (solid) and fall (dashed). Curves apart from each other mean"
             " hysteresis or delay; a slope means a gain; a level means an offset. Grey: the noise floor of one sample.",
         ),
@@ -37,7 +38,7 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
         make_figure(
             pictures.draw_orders(),
             "order spectrum",
-            "Amplitude of the residual by periods a turn of the shaft: what stands out is bound to the turn.",
+            "Amplitude of the residual by periods per turn of the shaft: a peak belongs to the rotation.",
         ),
     ]
     return "Where measurement and model disagree", [*parts, *_list_claims(pictures)]
@@ -53,13 +54,13 @@ def _introduce(pictures: Pictures) -> Html:
             "No output disagrees beyond what noise explains, in any regime. The pictures show where the residual is largest.",
         )
     others = [format_column(c, units.get(c)) for c in pictures.residuals.disagreeing_outputs if c != first.output]
-    also = f" They disagree in {list_words(others)} too." if others else ""
+    also = f" They also disagree in {list_words(others)}." if others else ""
     place = "" if first.regime == "all" else f", at {format_regime(first.regime)}"
     acts = pictures.result.verdict in (NAMED, ONE_OF)  # then each size is that of the effect at its fitted strength
     return make_element(
         "p",
         f"Most of all in {format_column(first.output, first.unit)}{place} (block: {first.block}):"
-        f" {'what is named changes it by' if acts else 'off by'}"
+        f" {'the named effects change it by' if acts else 'off by'}"
         f" {format_with_unit(first.size, first.unit)} root mean square,"
         f" {format_number(first.times_floor, 2)} times the noise floor"
         f" (p\u00a0=\u00a0{format_p_value(first.p_value)}).{also}",

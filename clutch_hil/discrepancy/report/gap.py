@@ -7,8 +7,8 @@ from clutch_hil.page.markup import Html, fold, make_element, make_figure, make_t
 from clutch_hil.page.wording import format_column, format_number, format_unit, list_words
 
 _HOW = {
-    "in turn": "Each run was left out in turn; the errors are those of each run by the model that had not seen it.",
-    "given": "The errors are those of the runs that were held out.",
+    "in turn": "Each run was left out in turn; its errors are those of the model fitted without it.",
+    "given": "The errors are those of the held-out runs.",
 }
 _HEADER = {True: ("before", "after", "floor", "closed", "unit"), False: ("error", "floor", "unit")}
 _NUMERIC = {True: "nnnn ", False: "nn "}
@@ -23,7 +23,7 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
         else "The error on runs that were not fitted"
     )
     if not result.gap:
-        return title, [make_element("p", "No run was left out, so nothing can be said here.")]
+        return title, [make_element("p", "No run was left out, so this error is unknown.")]
     caption = "From before (red) to after (blue); 1 is the noise floor." if changed else "1 is the noise floor."
     rows = [
         (format_column(c, units.get(c)), *_format_cells(result, c, gap, changed), _reach_text(gap))
@@ -50,7 +50,9 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     if by_regime:
         parts.append(
             make_figure(
-                pictures.draw_gap_by_regime(), "error by regime", "The same by regime, for what disagrees most."
+                pictures.draw_gap_by_regime(),
+                "error by regime",
+                "The same by regime, for the output that disagrees most.",
             )
         )
         whole = make_table(("output", "regime", *_HEADER[changed]), by_regime, f"  {_NUMERIC[changed]}")
@@ -65,8 +67,8 @@ def _explain_numbers(result: Result, changed: bool) -> str:
         return f"{how} Nothing was added to the model."
     added = {
         NAMED: f"with {list_words([format_effect(name) for name in result.effects])}",
-        ONE_OF: "with one of the alternatives, which fit alike",
-        NONE_OF_THESE: "with the nameless term that model.toml carries",
+        ONE_OF: "with one of the alternatives, which fit equally well",
+        NONE_OF_THESE: "with the unnamed term in model.toml",
     }.get(result.verdict, "re-fitted")
     closing = "Closed: (before² − after²)/(before² − floor²)."
     return f"{how} Before: the baseline with its own parameters re-fitted; after: {added}. {closing}"

@@ -23,11 +23,11 @@ from clutch_hil.page.wording import format_number, format_percent, format_unit, 
 _MOST_DRAWN = 12  # rivals in a picture
 _OPEN_ROWS = 8  # rivals in the open table
 _TITLES = {
-    NOTHING: "What is missing: nothing, and what was tried",
-    NAMED: "What is missing, and why not its rivals",
-    ONE_OF: "What is missing: one of a few, and why not the others",
-    NONE_OF_THESE: "What is missing: none of the candidates",
-    IDENTIFY_FIRST: "What is missing: a calibration",
+    NOTHING: "Missing physics: none, and what was tried",
+    NAMED: "Missing physics, and why not the other candidates",
+    ONE_OF: "Missing physics: one of a few effects, and why not the others",
+    NONE_OF_THESE: "Missing physics: none of the candidates",
+    IDENTIFY_FIRST: "Missing: a calibration",
 }
 
 
@@ -48,7 +48,7 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
             parts.append(make_element("h3", f"Search {count}{known}"))
         parts += _describe_rivals(pictures, rivals)
     if judged:
-        text = "Gain: what a candidate takes off twice the negative log-likelihood."
+        text = "Gain: reduction of twice the negative log-likelihood by the candidate."
         parts.append(make_element("p", text, class_="soft"))
     return heading, parts
 
@@ -61,8 +61,8 @@ def _describe_effects(result: Result) -> list[Html]:
         names = list(dict.fromkeys([*names, *list_indistinguishable_effects(result)]))
         same = list_words([format_effect(name) for name in list_indistinguishable_effects(result)])
         text = (
-            f"Each of {same} explains what was measured as well as the others do: these runs do not excite what tells them"
-            " apart. Equation and fitted values of each, as if it were the one:"
+            f"Each of {same} explains the measurement as well as the others do: these runs do not excite the difference between"
+            " them. Equation and fitted values of each, as if it were the missing one:"
         )
         parts.append(make_element("p", text))
     shown: list[Estimate] = []
@@ -86,8 +86,9 @@ def _describe_recalibration(recalibration: Recalibration) -> list[Html]:
     )
     text = (
         f"Above the floor the baseline within its stated uncertainty leaves {before} times the floor's power. Fitted"
-        f" further, it leaves {after} times. The effects that explain most leave {effects} times. No effect is named before"
-        f" the rig is identified; a search afterwards tells whether one is missing. Next, {recalibration.advice}. What moves:"
+        f" further, it leaves {after} times. The effects that explain most leave {effects} times. So no"
+        f" effect is named: after an identification of the rig, a search shows whether one is missing. Next,"
+        f" {recalibration.advice}. Moved parameters:"
     )
     rows = [
         (m.name, make_value(m.nominal, format_number(m.nominal, 4)), make_value(m.value, format_number(m.value, 4)),
@@ -120,7 +121,7 @@ def _describe_surrogate(result: Result) -> list[Html]:
         text = (
             f"The best of the candidates, {format_effect(best.name)}, closes {format_percent(best.closed)} of the gap to the"
             " floor,"
-            " which is not enough to name it. What the residual itself says:"
+            " which is not enough to name it. The residual itself shows:"
         )
         parts.append(make_element("p", text))
     if result.surrogate:
@@ -128,11 +129,11 @@ def _describe_surrogate(result: Result) -> list[Html]:
         if sentence := surrogate.pop("sentence", ""):
             parts.append(make_element("p", str(sentence)))
         carried = "values" in surrogate
-        added = "Nothing of it is put into model.toml."
+        added = "model.toml contains no term for it."
         if carried:
-            added = "model.toml carries it with the values below; the gap after is that of the model with it."
+            added = "model.toml contains it with the values below; the gap after is that of the model with this term."
         return [*parts, make_element("p", added), describe(surrogate)]
-    return [*parts, make_element("p", "No structure was found in it that could be described.")]
+    return [*parts, make_element("p", "No structure that can be described was found in it.")]
 
 
 def _describe_rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
@@ -144,19 +145,19 @@ def _describe_rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     )
     most = f" The first {_MOST_DRAWN} of {len(order)}." if len(order) > _MOST_DRAWN else ""
     legend = {
-        NAMED: "Blue: the one that is named; grey: refused.",
-        ONE_OF: "Light blue: those that cannot be told apart; grey: refused.",
+        NAMED: "Blue: named; grey: refused.",
+        ONE_OF: "Light blue: cannot be distinguished; grey: refused.",
     }.get(result.verdict, "All were refused.")
     picture = make_figure(
         pictures.draw_rivals(order[:_MOST_DRAWN], sorted(same)),
         "share of the gap that each candidate closes",
-        f"Every candidate was fitted, alone, beside the baseline's own parameters. {legend}{most}",
+        f"Every candidate was fitted alone, together with the parameters of the baseline. {legend}{most}",
     )
     rows: list[Sequence[object]] = [
         (
             format_effect(rival.name), make_value(rival.closed, format_percent(rival.closed, 1)),
             make_value(rival.gain, format_number(rival.gain)),
-            _format_values(rival.values), rival.reason or ("cannot be told apart" if rival.name in same else "named"),
+            _format_values(rival.values), rival.reason or ("cannot be distinguished" if rival.name in same else "named"),
         )
         for rival in order
     ]  # fmt: skip

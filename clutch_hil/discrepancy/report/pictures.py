@@ -187,7 +187,7 @@ class Pictures:
             return render_png(figure)
 
     def _draw_over_time(self, figure: Any, outputs: Sequence[str]) -> None:
-        _write_heading(figure, "residual of the model before in the run where it is largest; grey: twice the floor")
+        _write_heading(figure, "residual of the model before, in the run where it is largest; grey: twice the floor")
         if not outputs:
             return
         for axes, column in zip(figure.subplots(len(outputs), 1, squeeze=False)[:, 0], outputs, strict=True):

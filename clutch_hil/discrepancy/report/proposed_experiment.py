@@ -17,9 +17,9 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     heading, experiment = "What to measure next", pictures.result.experiment
     if experiment is None:
         text = {
-            NOTHING: "Nothing: these runs leave no question open that a proposed experiment would answer.",
-            IDENTIFY_FIRST: "No experiment is proposed: the rig is to be identified first.",
-            NAMED: "Nothing: the verdict does not wait for another experiment.",
+            NOTHING: "Nothing: these runs leave no question open that an experiment could answer.",
+            IDENTIFY_FIRST: "No experiment is proposed: identify the rig first.",
+            NAMED: "Nothing: the verdict needs no further experiment.",
         }.get(pictures.result.verdict, "No experiment is proposed.")
         return heading, [make_element("p", text)]
     lead = [key for key in _LEAD if isinstance(experiment.get(key), str) and experiment[key]]

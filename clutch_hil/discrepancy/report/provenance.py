@@ -23,7 +23,7 @@ def make_section(pictures: Pictures, files: list[str], command: str) -> tuple[st
         "command": make_element("code", command) if command else "",
         "time taken": join([make_value(result.seconds, format_number(result.seconds)), " s"], ""),
         "versions": ", ".join(versions),
-        "beside this page": ", ".join(files),
+        "files with this page": ", ".join(files),
     }
     items = [join([make_element("dt", key), make_element("dd", text)], "") for key, text in made.items() if text]
     header = ("run", "use", "length", "rate", "SHA-256 of the file")

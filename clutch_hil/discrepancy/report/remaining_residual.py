@@ -25,7 +25,7 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     ]
     text = f"No output stays above {AT_FLOOR:g} times its floor on runs that were not fitted."
     if left:
-        text = f"Above {AT_FLOOR:g} times the floor, on runs that were not fitted, stays {list_words(left)}: more is missing."
+        text = f"On runs that were not fitted, {list_words(left)} stay above {AT_FLOOR:g} times the floor: more is missing."
     caption = (
         "Left: residual, with twice the floor in grey. Middle: autocorrelation, with the 95 % band of white noise. Right:"
         " amplitude density; dashed: a white residual as large as the floor."

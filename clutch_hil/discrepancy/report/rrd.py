@@ -120,7 +120,7 @@ def _run_view(residuals: Residuals, trace: Trace, columns: Sequence[str], name: 
             rows.append(value)
             continue
         inside = f"{path}/residual"
-        residual = _plot_view(inside, f"measured less model [{format_unit(unit)}]", [f"+ {inside}/**"])
+        residual = _plot_view(inside, f"measured minus model [{format_unit(unit)}]", [f"+ {inside}/**"])
         rows.append(rrb.Horizontal(value, residual, column_shares=[1.3, 1.0]))
     return rrb.Vertical(*rows, name=name)
 

@@ -80,7 +80,7 @@ def make_verdict_sentence(result: Result) -> str:
     if result.verdict == NOTHING:
         within = f": {_describe_within(result)}" if column else ""
         count = count_candidates(result)
-        tried = f"; none of the {count} candidates explains more than chance does" if count else ""
+        tried = f"; none of the {count} candidates explains more than chance" if count else ""
         return f"Nothing is missing from the model (confidence {sure}){within}{tried}."
     if result.verdict == ONE_OF:
         lacking = [format_effect(name) for name in result.effects]
@@ -89,9 +89,7 @@ def make_verdict_sentence(result: Result) -> str:
         ]
         which = list_words(lacking)
         end = "; the experiment below separates them" if has_proposal(result) else ""
-        return (
-            f"The model lacks {which}, but these runs cannot tell which (confidence {sure} that it is among them){end}."
-        )
+        return f"The model lacks {which}, but these runs cannot decide which (confidence {sure} that it is among them){end}."
     if result.verdict == IDENTIFY_FIRST and result.recalibration:
         shown = result.recalibration.moved[:_MOST_MOVED]
         moved = list_words([one.name for one in shown])
@@ -121,7 +119,7 @@ def _describe_closed(result: Result, column: str | None, unit: str) -> str:
 def _describe_within(result: Result) -> str:
     largest = math.ceil(100.0 * max(compute_ratio(gap) for gap in result.gap.values())) / 100.0
     logged = any(finding.check == "logged" for finding in result.checks) and largest > AT_FLOOR
-    rows = ", and rows of a logger alone may leave that" if logged else ""
+    rows = ", which the low rate of a logger alone can explain" if logged else ""
     return f"on runs that were not fitted every output is within {largest:g} times its noise floor{rows}"
 
 

@@ -65,9 +65,9 @@ def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -
         (["--rig", "tests/clutch_hil/fitting/test_fit.py"], "is not of the form PATH.py:CLASS"),
         (["--rig", "tests/clutch_hil/fitting/test_fit.py:Amplifyer"], "has no class 'Amplifyer'"),
         (["--rig", "tests/clutch_hil/fitting/test_fit.py:CandidateSearch"], "cannot be made without arguments"),
-        (["--rig", MODEL, "--effects", "cubik"], "effect 'cubik' is no candidate of the rig amplifier"),
+        (["--rig", MODEL, "--effects", "cubik"], "effect 'cubik' is not a candidate of the rig amplifier"),
         (["--rig", MODEL, "--refit-within", "0"], "--refit-within 0 is not possible"),
-        (["--rig", MODEL, "--effects", ","], "--effects is ','; allowed are names with commas between"),
+        (["--rig", MODEL, "--effects", ","], "--effects is ','; allowed are names separated by commas"),
         (["--rig", MODEL, "--model", "nowhere.toml"], "parameter file nowhere.toml does not exist"),
         ([], "lacks the column"),
     ],
@@ -82,7 +82,7 @@ def test_what_cannot_be_is_refused_before_anything_is_written(
 
 
 def test_a_run_is_fitted_or_held_out_once(paths: list[Path], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is given twice; each run is fitted or held out, once"):
+    with pytest.raises(InputError, match="was given twice; each run can be fitted or held out only once"):
         invoke_command(*paths[:2], "--holdout", paths[0], "--rig", MODEL, "--out", tmp_path / "out")
 
 
@@ -112,10 +112,10 @@ def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"runs": []}, "without runs"),
+        ({"runs": []}, "has no runs"),
         ({"runs": ["nowhere.parquet"]}, "run nowhere.parquet does not exist"),
         ({"runs": [ch.Run({}, {})]}, "run number 1 lacks the column"),
-        ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "effects": ["cubik"]}, "effect 'cubik' is no candidate"),
+        ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "effects": ["cubik"]}, "effect 'cubik' is not a candidate"),
         ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "calibration": 0.0}, "calibration 0 is not possible"),
         ({"runs": [], "rig": None}, "rig is None; a name is needed"),
         ({"runs": [], "effects": ["cubic", 3]}, "effects is 3; a name is needed"),
@@ -133,7 +133,7 @@ def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, 
     ("experiment", "sentence"),
     [
         ("no_such", "experiment 'no_such' is unknown"),
-        (None, "the result proposes no experiment: its verdict waits for none"),
+        (None, "the result proposes no experiment: its verdict needs none"),
         ({"profile": "crawl", "settings": {}}, "needed are temperature and rate"),
     ],
 )

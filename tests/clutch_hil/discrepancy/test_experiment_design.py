@@ -164,11 +164,11 @@ def test_a_proposal_keeps_its_shift() -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("identify", "crawl"), "experiment identify is a whole set, and is played alone"),
-        (("crawl", "identify"), "experiment identify is a whole set, and is played alone"),
+        (("identify", "crawl"), "experiment identify is a whole set and is played alone"),
+        (("crawl", "identify"), "experiment identify is a whole set and is played alone"),
         (("identifi",), "experiment 'identifi' is unknown; did you mean identify?"),
-        (("crawl", "--list"), "--list was given and crawl; allowed is one of them"),
-        (("--standard", "--list"), "--list was given and --standard; allowed is one of them"),
+        (("crawl", "--list"), "--list and crawl were both given; only one of them is allowed"),
+        (("--standard", "--list"), "--list and --standard were both given; only one of them is allowed"),
     ],
 )
 def test_experiments_that_cannot_be_played_together_are_refused(words: tuple[str, ...], sentence: str) -> None:

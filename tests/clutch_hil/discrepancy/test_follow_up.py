@@ -45,7 +45,7 @@ def test_a_report_tells_what_to_play_beside_which_runs(tmp_path: Path, runs: lis
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"experiment": None}, "proposes no experiment: its verdict waits for none"),
+        ({"experiment": None}, "proposes no experiment: its verdict needs none"),
         (
             {"experiment": {"profile": None, "why": "none separates them"}},
             "proposes no experiment: none separates them",
@@ -75,9 +75,9 @@ def test_a_run_that_was_changed_since_is_no_evidence(tmp_path: Path, runs: list[
     [
         ([], "experiment needs one of EXPERIMENT, --standard and --for"),
         (["crawl", "--standard"], "experiment needs one of EXPERIMENT, --standard and --for"),
-        (["--standard", "--holdout", "crawl"], "--holdout crawl goes with experiments that are named"),
-        (["crawl", "--running", "--draw", "3"], "--running was given and --draw"),
-        (["crawl", "--draw", "3", "--scenario", "drift"], "--draw was given and --scenario"),
+        (["--standard", "--holdout", "crawl"], "--holdout crawl needs experiments given by name"),
+        (["crawl", "--running", "--draw", "3"], "--running and --draw cannot be combined"),
+        (["crawl", "--draw", "3", "--scenario", "drift"], "--draw and --scenario were both given"),
         (["crawl", "--rate", "3"], "rate 3 Hz is not possible"),
         (["crawl", "--plant-parameters", "gone.toml"], "parameter file gone.toml does not exist"),
         (["--for", "gone.json"], "report gone.json does not exist"),

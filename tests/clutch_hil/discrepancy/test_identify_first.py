@@ -78,8 +78,10 @@ def test_its_report_says_what_moved_and_names_no_parameter_of_an_effect(example:
 
 
 def test_its_notes_say_which_uncertainty_to_state(example: Discrepancy) -> None:
-    (note,) = [note for note in example.result.notes if note.startswith("uncertainties that allow the calibration")]
-    assert "of which 0.5 is used" in note
+    (note,) = [
+        note for note in example.result.notes if note.startswith("uncertainties that would allow the calibration")
+    ]
+    assert "(0.5 of each is used)" in note
     assert "clutch.coulomb_slope 12 Nm/bar; " in note  # 6.2 Nm/bar over 0.5
     assert "clutch.stribeck_speed 11 rad/s" in note
 
@@ -167,7 +169,7 @@ def test_a_model_without_an_identification_says_what_to_state() -> None:
     assert [one.name for one in result.recalibration.moved] == ["curve.value", "gain.value"]
     assert result.recalibration.moved[1].value == pytest.approx(2.6, abs=0.01)
     assert "state these values" in result.recalibration.advice
-    assert any("of which 1 is used: curve.value 0.4 1/V; gain.value 0.6; state them" in note for note in result.notes)
+    assert any("(1 of each is used): curve.value 0.4 1/V; gain.value 0.6; state them" in note for note in result.notes)
 
 
 def test_one_effect_that_explains_as_well_stays_named() -> None:
@@ -194,7 +196,7 @@ FOUND = Recalibration((MOVED,), before=10.0, after=1.0, effects=3.0, margin=0.1,
 def test_a_calibration_that_explains_much_but_not_all_is_noted() -> None:
     assert not FOUND.explains
     (note,) = note_rest(FOUND)
-    assert "explains 90.0% of what disagrees by itself" in note
+    assert "explains 90.0% of the disagreement by itself" in note
     assert "gain.value 2 -> 2.6 (30.0 stated uncertainties)" in note
     assert note_rest(replace(FOUND, effects=1.5)) == []
 
@@ -203,8 +205,10 @@ def test_a_calibration_that_leaves_a_tenth_of_what_effects_leave_comes_first() -
     assert replace(FOUND, effects=10.1).explains
     assert not replace(FOUND, effects=9.9).explains
     (note,) = note_rest(replace(FOUND, effects=10.1))
-    assert note == "even re-calibrated the model leaves 1 times the floor's power: an effect may be missing too;" + (
-        " identify, then search again"
+    assert (
+        note
+        == "even after re-calibration the model leaves 1 times the power of the noise floor: an effect may also be missing;"
+        + (" identify, then search again")
     )
     assert note_rest(replace(FOUND, after=0.05)) == []
 
@@ -242,4 +246,6 @@ def test_only_a_parameter_at_its_limit_is_noted() -> None:
     at = Estimate("gain.value", 2.02, "1", (2.02, 2.02), 2.0, 0.02)
     assert note_limits(Filter(), [replace(at, value=2.015)], None) == []
     (note,) = note_limits(Filter(), [at], None)
-    assert note.endswith("2.02 where 2 +- 0.02 is stated and 1 of that is allowed; state more, or identify it")
+    assert note.endswith(
+        "2.02 where 2 +- 0.02 is stated and a share of 1 of it is allowed; state a larger uncertainty, or identify it"
+    )

@@ -113,4 +113,4 @@ def test_what_is_like_nothing_known_is_carried_by_a_surrogate_that_the_rig_runs(
     write_model(unknown, SHIPPED, path := tmp_path / "model.toml")
     parameter = wet_clutch.load_nominal(path)[name]
     assert parameter.value == 0.25
-    assert parameter.source.startswith("surrogate of what is missing, data SHA-256")
+    assert parameter.source.startswith("surrogate of the missing physics, data SHA-256")

@@ -46,17 +46,17 @@ WIDE = 1000  # pixels: a picture fills the page
 _TEXTS = {
     NAMED: (
         "The model lacks piston seal friction (confidence 97 %): with it the error of",
-        "What is missing, and why not its rivals", "dF = k dx while |F| &lt; W", "58.0", "54.3", "61.7",
+        "Missing physics, and why not the other candidates", "dF = k dx while |F| &lt; W", "58.0", "54.3", "61.7",
         "The closest alternative: valve hysteresis", "The gap before and after, on runs that were not fitted",
-        "after: with piston seal friction", "the verdict does not wait for another experiment",
+        "after: with piston seal friction", "the verdict needs no further experiment",
     ),
     NOTHING: (
         "Nothing is missing from the model (confidence more than 99.9 %): on runs that were not fitted every output is within",
-        "none of the 14 candidates explains more than chance does", "No output disagrees beyond what noise explains",
+        "none of the 14 candidates explains more than chance", "No output disagrees beyond what noise explains",
         "Nothing was added to the model", "no question open",
     ),
     ONE_OF: (
-        "The model lacks one of piston seal friction or valve hysteresis, but these runs cannot tell which (confidence 97 %",
+        "The model lacks one of piston seal friction or valve hysteresis, but these runs cannot decide which (confidence 97 %",
         "the experiment below separates them", "Hold the pressure and let the slip run through a sine.",
         "<h3>valve hysteresis</h3>", "w_i = min(max(w_i, u - r_i), u + r_i)", "0.0660",
         "clutch-hil experiment --for report.json",
@@ -67,8 +67,8 @@ _TEXTS = {
     ),
     IDENTIFY_FIRST: (
         "Identify the rig first (confidence 90 %): another calibration explains 100.0 % of the disagreement;",
-        "clutch.coulomb_slope and clutch.viscous_exponent move beyond what is stated.", "What is missing: a calibration",
-        "clutch-hil identify RUN... --out FOLDER", "17.02", "20.7", "the rig is to be identified first",
+        "clutch.coulomb_slope and clutch.viscous_exponent move beyond their stated uncertainties.", "Missing: a calibration",
+        "clutch-hil identify RUN... --out FOLDER", "17.02", "20.7", "identify the rig first",
     ),
 }  # fmt: skip
 
@@ -225,7 +225,7 @@ def test_what_the_rows_of_a_logger_leave_is_told_where_nothing_is_missing(times,
     logged = replace(
         result, gap=gap, checks=[Finding("logged", "time_s", (0, 99), "are taken as a logger's", False, "run")]
     )
-    assert ("rows of a logger alone may leave that" in make_verdict_sentence(logged)) == message
+    assert ("the low rate of a logger alone can" in make_verdict_sentence(logged)) == message
     assert "logger" not in make_verdict_sentence(replace(logged, checks=[]))
 
 

@@ -69,7 +69,7 @@ def test_what_depends_on_nothing_is_said_to(model):
     sentence = describe_residual(model, runs, NOISE, list_baseline(), {})
     assert sentence["values"] == {}
     assert sentence["variables"] == []
-    assert "no simple function" in sentence["sentence"]
+    assert "not a simple function" in sentence["sentence"]
     assert "31" in sentence["sentence"].replace("30.8", "31").replace("31.2", "31")
 
 

@@ -296,7 +296,7 @@ def test_beside_what_is_evident_a_disagreement_is_named_and_nothing_slight() -> 
 
 
 def test_only_candidates_of_the_rig_can_be_asked_for() -> None:
-    with pytest.raises(InputError, match=r"effect 'cubik' is no candidate of the rig amplifier; .*cubic"):
+    with pytest.raises(InputError, match=r"effect 'cubik' is not a candidate of the rig amplifier; .*cubic"):
         investigate(Amplifier(), make_runs({}), names=["cubik"])
 
 
