@@ -98,7 +98,7 @@ def describe_missing_motor(runs: Evidenced) -> str:
         lacking.append(f"{_DEMAND} of {name_run(name)} is computed from the slip")
     if not lacking:
         return ""
-    return f"{lacking[0]}: the clutch is identified behind its measured slip, and the motor's speed controller is not"
+    return f"{lacking[0]}: the clutch is identified from its measured slip, and the motor's speed controller is not identified"
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,9 @@ def add_motor(
             _identify(declared, _INERTIA, balance.inertia, float(np.hypot(balance.inertia_half, sampled)))
         )
     elif _INERTIA not in held:
-        warnings.append(f"{_INERTIA} stays as declared, as these runs do not tell it; --hold {_INERTIA}=VALUE gives it")
+        warnings.append(
+            f"{_INERTIA} stays as declared, because these runs do not show it; set it with --hold {_INERTIA}=VALUE"
+        )
     if balance and MOTOR not in held:
         half = float(np.hypot(balance.zero_half, known.find_half(TORQUE)))
         zero = _identify(ParameterSet(declare_effects()), MOTOR, balance.zero + values[TORQUE], half)

@@ -194,7 +194,7 @@ def _check_speed(vented: Vented, samples: Samples) -> str:
     slips = np.abs(samples.slip[samples.sliding])
     low, high = (float(np.quantile(slips, share)) for share in (0.02, 0.98)) if len(slips) else (np.inf, 0.0)
     return "" if low <= _LOW_SLIP and high >= _SLIP_RATIO * low else (
-        f"the zero of the speed sensor needs slips below {_LOW_SLIP:g} rad/s beside higher ones in contact; the lowest of"
+        f"the zero of the speed sensor needs slips below {_LOW_SLIP:g} rad/s and also higher ones in contact; the lowest of"
         f" these runs is {low:.3g}"
     )  # fmt: skip
 

@@ -26,8 +26,8 @@ FITTED = (
     "motor.proportional_gain", "motor.integral_gain",
 )  # fmt: skip
 HELD: Mapping[str, str] = {  # held by default, with the reason
-    "piston.clearance": "pressures and torques alone tell no volume: conductance, capacity, damping and stack stiffness are"
-    " relative to it; --hold NAME=VALUE gives that of the drawing",
+    "piston.clearance": "pressures and torques alone do not show a volume: conductance, capacity, damping and stack"
+    " stiffness are relative to it; --hold NAME=VALUE gives that of the drawing",
 }
 HYDRAULIC = (
     "valve.frequency", "valve.damping", "hydraulics.conductance", "hydraulics.capacity", "piston.contact_pressure",

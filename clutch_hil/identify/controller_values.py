@@ -58,7 +58,7 @@ def derive_controller_values(plant: Values, nominal: Values, controller: Paramet
     values = _convert(plant, nominal, controller)
     landing = measure_landing(plant, {name: value for name, (value, _) in values.items()})
     if landing is not None:
-        why = f"the piston lands {landing:.2g} bar above contact in a simulated fill; and ten noise deviations"
+        why = f"the piston lands {landing:.2g} bar above contact in a simulated fill; plus ten standard deviations of the noise"
         values |= _keep_within({_LANDED: (landing + controller[_LANDING_MARGIN].value, why)}, controller)
     return values
 
@@ -82,21 +82,24 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
     was_contact, was_preload = nominal["piston.contact_pressure"], nominal["piston.preload_pressure"]
     shift = contact - was_contact
     for name in ("phases.fill_pressure", "torque.pressure_limit"):
-        values[name] = controller[name].value + shift, "as far above the contact pressure as nominally"
+        values[name] = controller[name].value + shift, "distance above the contact pressure as nominal"
     for name in ("phases.released_pressure", "phases.lost_pressure"):
-        values[name] = controller[name].value * preload / was_preload, "as much of the springs' preload as nominally"
+        values[name] = controller[name].value * preload / was_preload, "share of the springs' preload as nominal"
     share = (controller["pressure.floor"].value - was_preload) / (was_contact - was_preload)
-    values["pressure.floor"] = preload + share * (contact - preload), "between preload and contact as nominally"
+    values["pressure.floor"] = (
+        preload + share * (contact - preload),
+        "position between preload and contact as nominal",
+    )
     size = plant["clutch.coulomb_slope"] / nominal["clutch.coulomb_slope"]
     if not 1.0 / _OTHER_SIZE < size < _OTHER_SIZE:
-        why = f"as nominally to the slope of the torque, which is {size:.3g} times the nominal one"
+        why = f"scaled with the slope of the torque, which is {size:.3g} times the nominal one"
         values |= {name: (size * controller[name].value, why) for name in _TORQUES}
         values |= {name: (controller[name].value / size, why) for name in _GAINS}
     limit = controller["lock.pressure_limit"].value
     if values["torque.pressure_limit"][0] > limit:
         values["torque.pressure_limit"] = (
             limit,
-            "the lock's limit; as far above contact as nominally is more",
+            "the limit of the lock, as the nominal distance above contact would exceed it",
         )
     return _keep_within(values, controller)
 

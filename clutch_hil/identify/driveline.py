@@ -42,9 +42,10 @@ FITTED = (
     "driveline.rolling_resistance", "driveline.grade", "driveline.drag_area",
 )  # fmt: skip
 HELD = {
-    "driveline.ratio_a": "the gears are counted teeth",
-    "driveline.ratio_b": "the gears are counted teeth",
-    "driveline.wheel_radius": "torques and speeds of shafts tell no radius; rolling resistance and drag are relative to it",
+    "driveline.ratio_a": "the gear ratios are known from the numbers of teeth",
+    "driveline.ratio_b": "the gear ratios are known from the numbers of teeth",
+    "driveline.wheel_radius": "torques and speeds of shafts do not show a radius; rolling resistance and drag are"
+    " relative to it",
 }
 _SLIPS = ("slip_speed_a_rad_s", "slip_speed_b_rad_s")
 # Share of the motor's largest torque, 1 Nm on the shipped rig, as for plates that touch: sticking plates carry more
@@ -296,14 +297,15 @@ def _list_silent(
             f"inertia and drive need an input speed that changes; these runs reach {rate:.2g} rad/s^2, needed is 30"
         )),
         ("driveline.vehicle_inertia", "driveline.rolling_resistance"): (change >= _LEAST_CHANGE, (
-            f"the vehicle needs to be driven; the output shaft changes by {change:.2g} rad/s, needed is {_LEAST_CHANGE:g}"
+            f"the vehicle must be driven; the output speed changes by {change:.2g} rad/s, needed is {_LEAST_CHANGE:g}"
         )),
         ("driveline.grade",): (min(ways) >= _LEAST_TIME, (
-            f"the grade is told from rolling resistance by driving both ways; these runs drive {ways[0]:.2g} s forward and"
-            f" {ways[1]:.2g} s backward, needed is {_LEAST_TIME:g} s"
+            "the grade is separated from rolling resistance by driving in both directions; these runs drive"
+            f" {ways[0]:.2g} s forward and {ways[1]:.2g} s backward, needed is {_LEAST_TIME:g} s"
         )),
         ("driveline.drag_area",): (drag >= _LEAST_DRAG, (
-            f"the drag of the air needs speed; at the highest one it is about {drag:.2g} Nm, needed is {_LEAST_DRAG:g} Nm"
+            f"the air drag needs a high speed; at the highest speed of these runs it is about {drag:.2g} Nm, needed"
+            f" is {_LEAST_DRAG:g} Nm"
         )),
     }  # fmt: skip
     return {name: text for names, (met, text) in needs.items() if not met for name in names}

@@ -92,7 +92,7 @@ def plan_fit(subject: Subject, model: Model, wishes: Wishes) -> FitPlan:
     could_be = [name for name in (*subject.fitted, *subject.effects) if name not in ratios and name not in hold]
     if unfitted := [name for name in bounds if name not in could_be]:
         raise InputError(
-            f"bounds of {unfitted[0]} mean nothing, as it is not fitted; fitted are {join_names(could_be)}"
+            f"bounds of {unfitted[0]} have no effect, because it is not fitted; fitted are {join_names(could_be)}"
         )
     names = [name for name in subject.fitted if name not in held and name not in ratios]
     names += [name for name in subject.effects if name not in held]
@@ -114,7 +114,7 @@ def check_ties(wishes: Wishes) -> None:
                 f"{name} is tied to {other}, which is tied to {wishes.ties[other]}; allowed is a parameter that is not tied"
             )
         if name in wishes.hold:
-            raise InputError(f"{name} is held, and tied to {other}; allowed is one of them")
+            raise InputError(f"{name} is both held and tied to {other}; only one of them is allowed")
 
 
 def _resolve_ratio(name: str, other: str, declared: Values) -> float:

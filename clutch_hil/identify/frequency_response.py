@@ -174,7 +174,7 @@ class LoopResponse:
         if abs(self.off) > _OFF_DEMAND:
             warnings.append(
                 f"the pressure is {self.off:.2g} bar off its demand where the frequency response was measured: the regulator"
-                " does not integrate there, so p_cyl/p_d at rest is not 1, and this is no bandwidth of a regulated pressure"
+                " does not integrate there, so p_cyl/p_d at rest is not 1, so this is not the bandwidth of a regulated pressure"
             )
         for name, channel in (("p_cyl/p_d", self.pressure), ("M/p_d", self.torque)):
             end = channel.bandwidth if channel.bandwidth is not None else np.inf
@@ -186,8 +186,8 @@ class LoopResponse:
                 )
             if channel.bandwidth is None:
                 warnings.append(
-                    f"{name} does not fall by 3 dB from {channel.frequency[0]:.3g} to {channel.frequency[-1]:.3g} Hz, which"
-                    " these runs excite: no bandwidth"
+                    f"{name} does not fall by 3 dB from {channel.frequency[0]:.3g} to {channel.frequency[-1]:.3g} Hz, the"
+                    " range that these runs excite: no bandwidth"
                 )
         return warnings
 

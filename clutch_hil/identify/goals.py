@@ -129,7 +129,7 @@ class Progress:
         if not fits:
             open_.append(f"the residual is {worst:.3g} times its noise, allowed is {GOOD_FIT:g}")
         if not open_ and (self._last is None or not self._fits):
-            open_.append("one more run is to confirm it")
+            open_.append("one more run must confirm it")
         elif not open_ and self._last is not None:
             astray = [a.goal.name for a, b in zip(standings, self._last, strict=True) if not a.agrees_with(b)]
             if astray:

@@ -53,7 +53,7 @@ class HandOver:
     def __str__(self) -> str:
         """Return a description in one line."""
         return (
-            f"{self.run}: torque of {self.torque:.3g} Nm changes over at {self.time:.3f} s ± {1e3 * self.half:.2g} ms,"
+            f"{self.run}: torque of {self.torque:.3g} Nm is handed over at {self.time:.3f} s ± {1e3 * self.half:.2g} ms,"
             f" begins at {self.begin:.3f} s, ends at {self.end:.3f} s"
         )
 

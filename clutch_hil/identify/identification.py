@@ -73,8 +73,8 @@ from protocols.node import load_node
 NOT_EXCITED = "the runs do not excite it"  # reason for which a parameter is held
 # Limits of the rig. They are never fitted, because few runs reach them; a rig of another size has other limits
 _SELDOM_SHOWN = {
-    LIMIT: "only a motor that gives more, or less than it is asked for, shows another one",
-    "valve.supply_pressure": "only a valve that is asked for more shows it",
+    LIMIT: "another value would show only if the motor gave more torque, or less than demanded",
+    "valve.supply_pressure": "it shows only if the valve is commanded beyond it",
 }
 # Reason why the value differs: the runs hardly excite the parameter, and it is fitted with a prior
 MOVED = "the runs hardly excite it: it is known roughly, and fitted with the others"
@@ -146,7 +146,7 @@ def identify_clutch(
     """
     runs, progress = take_runs("runs", runs), take_function("progress", progress)
     if not runs:
-        raise InputError("an identification was asked for without runs; one or more are needed")
+        raise InputError("the identification has no runs; one or more are needed")
     rig = rig or find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG
     known_rig = find_rig(rig)
     if known_rig.identify_at:
@@ -170,7 +170,7 @@ def identify_clutch(
     if evidence.find_constant(_TEMPERATURE) is not None:
         subject, behind_slip = (one.without_output(_TEMPERATURE) for one in (subject, behind_slip))
         warnings.append(
-            f"{_TEMPERATURE} is a constant of the import map: what is identified of the oil shows in the torque alone"
+            f"{_TEMPERATURE} is a constant of the import map: parameters of the oil are identified from the torque alone"
         )
     if missing := describe_missing_motor(evidence):
         identification = _identify_behind_slip(behind_slip, evidence, wishes, progress)
@@ -280,13 +280,13 @@ def _take_scale(subject: Subject, plan: FitPlan, measured: Mapping[str, Columns]
         elif LIMIT not in plan.given:
             limit, other_size = find_limit_at_steps(measured, limit)
             if other_size:
-                plan = plan.give(
-                    LIMIT, limit, f"taken as {limit:.4g} Nm, by steps of the speed demand that ask for more"
-                )
+                plan = plan.give(LIMIT, limit, f"taken as {limit:.4g} Nm, by steps of the speed demand that need more")
     for name, what in _SELDOM_SHOWN.items():
         if name in plan.known and name not in plan.held and (_DRIVEN in subject.fitted or name != LIMIT):
             kept = f"kept at {plan.known[name].value:g} {plan.known[name].unit}, as declared: {what}"
-            plan = plan.give(name, plan.known[name].value, f"{kept}; --hold NAME=VALUE gives that of the data sheet")
+            plan = plan.give(
+                name, plan.known[name].value, f"{kept}; set the value of the data sheet with --hold NAME=VALUE"
+            )
     model = subject.make(subject.nominal)
     for name, (bits, why) in find_converter_bits(model, list(measured.values()), subject.nominal).items():
         if name not in plan.given:
@@ -339,7 +339,7 @@ def _make_calibration(
         warnings=warnings,
         notes=[
             *list_findings(findings),
-            *([f"{left_out} of {fit.means} means over 4 ms are outliers, and left out"] if left_out else []),
+            *([f"{left_out} of {fit.means} means over 4 ms are outliers and were left out"] if left_out else []),
         ],
         absent=fit.absent,
         fixed={
@@ -391,7 +391,7 @@ def _list_at_bounds(
         False: "runs do not excite it, a channel is late, scaled or another one, or the rig is beyond what a model may have",
     }
     return [
-        f"{f.name} rests at its bound {values[f.name]:g}; that is no estimate: {remedy[f.name in bounds]}"
+        f"{f.name} rests at its bound {values[f.name]:g}; this is not an estimate: {remedy[f.name in bounds]}"
         for f in free
         if min(values[f.name] - f.low, f.high - values[f.name]) < 1e-6 * (f.high - f.low)
     ]

@@ -105,7 +105,7 @@ def fit_jointly(
         ends = [f"{f.name} = {values[f.name]:g}" for f in free if values[f.name] in (f.low, f.high)]
         at_bounds = f", of which these are at their bounds: {', '.join(ends)}" if ends else ""
         raise InputError(
-            f"the model gives no numbers with the values from which the fit begins{at_bounds}; check the units in the import"
+            f"with the start values of the fit the model gives no finite numbers{at_bounds}; check the units in the import"
             " map, --hold and --bounds"
         )
     rough = [fit_roughly(coarse, start, free, lambda share: progress(0.5 * share))]

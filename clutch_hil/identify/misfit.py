@@ -19,12 +19,12 @@ def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged:
         return []
     who = "The model or the recording"
     if hardly:
-        who = f"What the runs hardly excite is further off than is assumed ({join_names(hardly)}), or the model or recording"
-    rows = "Rows of a logger alone may leave that: log every cycle of the loop. Else " if logged else ""
+        who = f"Hardly excited parameters differ more than assumed ({join_names(hardly)}), or the model or recording"
+    rows = "The low rate of a logger alone can cause this: log every cycle of the loop. Otherwise " if logged else ""
     who = f"{rows}{who[0].lower()}{who[1:]}" if rows else who
     return [
         f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. {who} lacks something, and the"
-        " intervals do not say so; see clutch-hil discrepancy --calibration"
+        " intervals do not include this; see clutch-hil discrepancy --calibration"
     ]
 
 

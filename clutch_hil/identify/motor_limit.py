@@ -56,8 +56,8 @@ def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) 
         )
     row = int(np.argmax(np.abs(runs[name][_TORQUE])))
     text = (
-        f"is {runs[name][_TORQUE][row]:.4g} Nm in row {row}, where the declared motor gives {declared:g} Nm: the rig is"
-        f" taken as a larger one, whose motor gives {limit:.4g} Nm. Check the unit; --hold {LIMIT}=... tells another limit"
+        f"is {runs[name][_TORQUE][row]:.4g} Nm in row {row}, but the declared motor gives {declared:g} Nm: the rig is"
+        f" taken as a larger one, whose motor gives {limit:.4g} Nm. Check the unit; --hold {LIMIT}=... sets another limit"
     )
     return limit, [Finding("larger", _TORQUE, (row, row), text, False, name)]
 
@@ -84,8 +84,8 @@ def find_limit_at_steps(runs: Mapping[str, Columns], declared: float) -> tuple[f
     limit = float(np.median(at_limit))
     row = int(np.argmax(np.abs(fitting[name][_TORQUE])))
     text = (
-        f"stays at {limit:.4g} Nm after {len(at_limit)} steps of the speed demand that ask for more, where the declared motor"
-        f" gives {declared:g} Nm: this is taken as the motor's limit; --hold {LIMIT}=... tells another one"
+        f"stays at {limit:.4g} Nm after {len(at_limit)} steps of the speed demand that need more, but the declared motor"
+        f" gives {declared:g} Nm: this is taken as the motor's limit; --hold {LIMIT}=... sets another one"
     )
     return limit, [Finding("limit", _TORQUE, (row, row), text, False, name)]
 

@@ -48,7 +48,7 @@ def find_other_clutch(runs: Mapping[str, Columns]) -> list[Finding]:
         return []
     low, high, pressure, less, more = max(differing, key=lambda one: one[-1] - _RATIO * one[-2])
     text = (
-        f"is {more:.3g} Nm at {pressure:.3g} bar, where that of {name_run(low)} is {less:.3g} Nm: they are of different"
+        f"is {more:.3g} Nm at {pressure:.3g} bar, but that of {name_run(low)} is {less:.3g} Nm: the runs are of different"
         " clutches, or a sensor was changed in between; give runs of one clutch"
     )
     return [Finding("other_clutch", "clutch_torque_nm", (0, len(runs[high]["time_s"]) - 1), text, True, high)]

@@ -81,7 +81,7 @@ def identify_power_shift(
     """
     started = monotonic()
     if not runs:
-        raise InputError("an identification was asked for without runs; one or more are needed")
+        raise InputError("the identification has no runs; one or more are needed")
     whole = find_rig(RIG).plant.load_parameters()
     wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     held = _check(wishes, whole)
@@ -148,7 +148,7 @@ def _check(wishes: Wishes, whole: ParameterSet) -> ParameterSet:
     could_be = [name for name in shafts.FITTED if name not in wishes.hold]
     if unfitted := [n for n in wishes.bounds if n.partition(".")[0] not in CLUTCHES and n not in could_be]:
         raise InputError(
-            f"bounds of {unfitted[0]} mean nothing, as it is not fitted; fitted are parameters of a clutch, and"
+            f"bounds of {unfitted[0]} have no effect, because it is not fitted; fitted are parameters of a clutch, and"
             f" {join_names(could_be)}"
         )
     held = whole.with_values({name: value for name, value in wishes.hold.items() if value is not None})
@@ -192,7 +192,7 @@ def estimate_clutch_line(run: Columns, clutch: str) -> tuple[float, float]:
     own = _split(Evidenced({"": run}, {"": ""}), clutch).measured[""]
     line = estimate_line([own])
     if line is None:
-        raise InputError(f"clutch {clutch} shows no torque that rises with the pressure: no contact pressure is found")
+        raise InputError(f"clutch {clutch} shows no torque that rises with the pressure: no contact pressure was found")
     return line
 
 
@@ -225,7 +225,7 @@ def _join(
     notes = list_findings(larger)
     notes += [f"clutch {c}: {note}" for c, part in parts.items() for note in part.calibration.notes]
     if line.left_out:
-        notes.append(f"driveline: {line.left_out} means over 4 ms are outliers, and left out")
+        notes.append(f"driveline: {line.left_out} means over 4 ms are outliers and were left out")
     controllers = [_compute_controller_values(parts[c], line, whole, c) for c in CLUTCHES]
     return Calibration(
         rig=RIG,

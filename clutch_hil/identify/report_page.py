@@ -61,7 +61,7 @@ def make_verdict_sentence(identification: Identification) -> str:
     what = f"{format_count(count, 'parameter')} identified"
     if identification.misfit[column] > GOOD_FIT:
         logged = any(finding.check == "logged" for finding in identification.findings)
-        rows = " Rows of a logger alone may leave that: log every cycle of the loop." if logged else ""
+        rows = " The low rate of a logger alone can cause this: log every cycle of the loop." if logged else ""
         return (
             f"{what}, but the model does not explain the runs: {fit}.{rows} Look for missing physics with clutch-hil"
             " discrepancy."
@@ -150,8 +150,8 @@ def _make_warnings(identification: Identification) -> Section:
     if calibration.held:
         held = make_table(("not identified", "why"), list(calibration.held.items()))
         known = (
-            "What is held keeps its value. What the runs do not excite is known roughly: the fit may move it, but its value"
-            " is no result."
+            "Held parameters keep their values. Parameters that the runs do not excite are known roughly: the fit may change"
+            " them, but their values are not results."
         )
         contents += [make_element("p", known), held]
     return heading, contents
@@ -167,13 +167,13 @@ def _make_hand_overs(identification: Identification) -> list[Section]:
          format_number(one.begin, 4), format_number(one.end, 4), format_number(one.torque, 3))
         for one in identification.hand_overs
     ]  # fmt: skip
-    header = ("run", "changes over at [s]", "± [ms]", "begins [s]", "ends [s]", "output torque [Nm]")
+    header = ("run", "hand-over at [s]", "± [ms]", "begins [s]", "ends [s]", "output torque [Nm]")
     at = [q for q in identification.quantities if q.where == HAND_OVER]
     pressures = [
         (q.name, *make_interval_cells(q.value, (q.value - q.half, q.value + q.half)), q.unit, q.at) for q in at
     ]
     text = (
-        "The torque of the output shaft changes over where clutch b begins to carry more of it than clutch a. The identified"
+        "The hand-over is the time at which clutch b begins to carry more of the output torque than clutch a. The identified"
         " clutches carry half of it each at the pressures below."
     )
     tables = [
@@ -194,9 +194,9 @@ def _make_fit(identification: Identification) -> Section:
     ]
     text = (
         "The runs as measured and as the identified model simulates them from their inputs alone. Shaded in the residual:"
-        " twice the noise, which 95 % of pure noise stay within."
+        " twice the noise, which contains 95 % of pure noise."
     )
-    header = ("output", "residual over noise", "what is left")
+    header = ("output", "residual over noise", "residual")
     pictures = [
         make_figure(
             draw_fit(identification, column),
@@ -212,8 +212,8 @@ def _make_quantities(identification: Identification) -> Section:
     """Return the section of maps and quantities of the thesis, for each clutch, with the frequency response where there is
     one."""
     text = (
-        "The friction maps at the pressures of the thesis, 0.35 to 1.85 bar above contact, with 95 % bands. What is above the"
-        " pressures of the runs is extrapolated: it follows from the lines of the maps, and no run shows it."
+        "The friction maps at the pressures of the thesis, 0.35 to 1.85 bar above contact, with 95 % bands. Values above the"
+        " pressures of the runs are extrapolated along the lines of the maps."
     )
     parts = identification.parts.items() if isinstance(identification, ShiftIdentification) else [("", identification)]
     contents = [make_element("p", text)]
@@ -292,7 +292,7 @@ def _make_provenance_section(identification: Identification, files: Sequence[str
         "command": make_element("code", command) if command else "",
         "time taken": join([make_value(identification.seconds, format_with_unit(identification.seconds, "s"))], ""),
         "versions": ", ".join(versions),
-        "beside this page": ", ".join(files),
+        "files with this page": ", ".join(files),
         "next": make_element("code", "clutch-hil up --calibration calibration.toml"),
     }
     items = [join([make_element("dt", key), make_element("dd", text)], "") for key, text in made.items() if text]

@@ -41,7 +41,7 @@ def draw_parameters(parameters: Sequence[Identified]) -> bytes:
         axes.axvline(stated, color=DEMAND, lw=1.0)
         axes.set_yticks(range(len(shown)), [p.name for p in shown])
         axes.set_ylim(len(shown) - 0.4, -0.6)
-        axes.set_xlabel("identified over stated value" if logarithmic else "identified over stated value, less 1 [%]")
+        axes.set_xlabel("identified over stated value" if logarithmic else "identified over stated value, minus 1 [%]")
         axes.grid(axis="y", visible=False)
         return render_png(figure)
 

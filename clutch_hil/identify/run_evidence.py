@@ -26,7 +26,7 @@ _INSTEAD = {
     "motor_speed_demand_rad_s": "it may be missing if the clutch torque was recorded",
     "motor_torque_nm": "it may be missing if the clutch torque was recorded",
     "oil_temperature_degc": "without that sensor, set a `constant` temperature in the import map",
-    "valve_voltage_v": "nothing else can take its place but the valve's current, by `scale` of the import map",
+    "valve_voltage_v": "only the valve's current can replace it, with `scale` in the import map",
 }
 
 
@@ -77,7 +77,7 @@ def read_evidence(
         else:
             name = Path(given).name if Path(given).name not in read else str(given)  # same file name in another folder
             if name in read:
-                raise InputError(f"run {given} is given twice; once is allowed")
+                raise InputError(f"run {given} was given twice; give it once")
             _check_rig(name, run := read_run(given, ()), rig)
             columns = complete_angle(run.columns)
             check_run_columns(Path(given), columns, needed, optional)
@@ -87,7 +87,7 @@ def read_evidence(
             findings.append(replace(cut, run=name))
             if len(kept["time_s"]) < 2:
                 raise InputError(
-                    f"{name_run(name)} is in a fault from its first rows on ({cut.column}); it is no evidence"
+                    f"{name_run(name)} is in a fault from its first rows on ({cut.column}); it cannot be used"
                 )
         read[name] = kept
         not_measured[name] = read_not_measured(run)
@@ -121,7 +121,7 @@ def _require(run: str, columns: Columns, name: str) -> None:
 
 def _check_rig(name: str, run: Run, rig: str) -> None:
     if (own := find_rig_name(run)) and own != rig:
-        raise InputError(f"{name} is a run of the rig {own}, and {rig} is identified; allowed are runs of one rig")
+        raise InputError(f"{name} is a run of the rig {own}, but {rig} is identified; allowed are runs of one rig")
 
 
 def find_rig_name(run: Run) -> str:
@@ -142,8 +142,6 @@ def replace_spikes(name: str, run: Columns, floors: Values) -> tuple[Columns, li
         if 0 < len(rows) <= MANY_SPIKES * len(run[column]):
             changed[column] = run[column].copy()
             changed[column][rows] = medians
-            text = (
-                f"{format_count(len(rows), 'sample')} alone, far from the neighbours: the median of five rows instead"
-            )
+            text = f"{format_count(len(rows), 'sample')} far from the neighbours: replaced by the median of five rows"
             findings.append(Finding("outliers", column, (int(rows[0]), int(rows[-1])), text, False, name))
     return {**run, **changed}, findings

@@ -48,7 +48,7 @@ def measure_stick(runs: Sequence[Columns], values: Values) -> Stick:
     if count < _LEAST_STRETCHES:
         return Stick(
             None,
-            f"the stick stiffness needs plates that rest under a torque that changes; these runs have {count} such"
+            f"the stick stiffness needs plates at rest under a changing torque; these runs have {count} such"
             f" stretches, needed are {_LEAST_STRETCHES}: play the experiment reversals",
         )
     best = _fit(stretches)
@@ -61,7 +61,7 @@ def measure_stick(runs: Sequence[Columns], values: Values) -> Stick:
     if best <= max(half, resolution):
         return Stick(
             None,
-            f"plates that rest turn by no more than the encoder resolves: the stick stiffness is above"
+            f"plates at rest turn by no more than the encoder resolves: the stick stiffness is above"
             f" {limit / max(best + half, resolution):.2g} Nm/rad at {middle:.3g} bar",
         )
     stiffness = limit / best

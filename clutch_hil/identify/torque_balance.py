@@ -42,12 +42,12 @@ def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
     hard = not _SLOPES[0] < slope < _SLOPES[1]
     if abs(slope) < _TOLD:  # such as a column of zeros that an exporter writes for a missing channel
         text = (
-            f"moves by {np.ptp(clutch):.3g} Nm at steady speeds, where motor_torque_nm, the same torque, does not: one of them"
+            f"moves by {np.ptp(clutch):.3g} Nm at steady speeds, but motor_torque_nm, the same torque, does not: one of them"
             " is dead, or another channel"
         )
     else:
         text = (
-            f"moves by {1.0 / slope:.3g} of what motor_torque_nm does at steady speeds, where both are one torque:"
+            f"moves {1.0 / slope:.3g} times as much as motor_torque_nm at steady speeds, where both are the same torque:"
             f" {_ANOTHER if hard else 'the gain of one of the sensors is off'}"
         )
     return [Finding("scale", "clutch_torque_nm", (0, len(next(iter(runs.values()))["time_s"]) - 1), text, hard)]

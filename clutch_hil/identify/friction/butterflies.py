@@ -143,7 +143,7 @@ def read_butterflies(
         for what, values in (("position", position), ("gap", shown)):
             if values is None:
                 raise InputError(
-                    f"{name_run(name)} has no {what} that is known by name; name one of {', '.join(run.columns)}"
+                    f"{name_run(name)} has no column with a known name for the {what}; choose one of {', '.join(run.columns)}"
                 )
         assert position is not None
         assert shown is not None
@@ -155,7 +155,7 @@ def read_butterflies(
         check_values(name, time, {"position": position[0], "gap": shown[0], **({"load": load[0]} if load else {})})
         if load is None and "load" not in known:
             raise InputError(
-                f"{name_run(name)} has no load that is known by name; give --load COLUMN, or --hold load=VALUE in N"
+                f"{name_run(name)} has no column with a known name for the load; give --load COLUMN, or --hold load=VALUE in N"
             )
         radius = known.get("radius", 0.0)
         if position[1] == "rad" and not radius:

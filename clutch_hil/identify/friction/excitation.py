@@ -31,12 +31,12 @@ def find_excited(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tupl
     terms, warnings = list(law.terms), []
     if not turns and spread < 0.01:  # 1 %: chosen, the ripple of a speed loop
         raise InputError(
-            f"the speed is constant at {scale.speed:.3g} {length}/s: friction at one speed is one number, no law; needed are "
-            "speeds that differ, or reversals"
+            f"the speed is constant at {scale.speed:.3g} {length}/s: at one speed, friction is a single number, not a"
+            " law; different speeds or reversals are needed"
         )
     if not turns:
         warnings.append(
-            "no reversal: these runs say nothing of pre-sliding, nor of an offset; break points do not hold"
+            "no reversal: these runs show neither pre-sliding nor an offset; the break points are not valid"
         )
     edges = np.geomspace(SLOWEST * scale.speed, scale.speed, BINS + 1)
     ruled = (
@@ -80,7 +80,8 @@ def _judge_load(law: Law, records: Sequence[SlideRecord]) -> tuple[list[str], li
     if not unit:
         if law.knows_load:
             raise InputError(
-                f"law {law.name} needs the load, and the runs have none that is known by name; name it by --load, or use gms"
+                f"law {law.name} needs the load, and the runs have no column with a known name for it; give it with"
+                " --load, or use gms"
             )
         return [], []
     load = np.concatenate([one.load for one in records])
@@ -88,11 +89,11 @@ def _judge_load(law: Law, records: Sequence[SlideRecord]) -> tuple[list[str], li
     if not np.any(load):
         if law.knows_load:
             raise InputError(
-                f"law {law.name} needs the load, and it is 0 {unit} throughout; name another column by --load, or use gms"
+                f"law {law.name} needs the load, and it is 0 {unit} throughout; give another column with --load, or use gms"
             )
         return [], []
     if high > LOAD_RATIO * low:
-        known = [f"the load goes from {low:.4g} to {high:.4g} {unit}, which {law.name} does not know: xgms does"]
+        known = [f"the load goes from {low:.4g} to {high:.4g} {unit}, but {law.name} has no load: use xgms"]
         return ["load_gain"], [] if law.knows_load else known
     constant = [
         f"the load is {low:.4g} to {high:.4g} {unit}: friction is taken as proportional to it, which is not identified"
@@ -118,6 +119,6 @@ def judge_break_points(break_points: Sequence[float], records: Sequence[SlideRec
     if least < LEAST_STEPS * at_turns:
         return [
             f"pre-sliding is not resolved: a break point is at {least:.3g} {length}, and the position moves {slow:.3g} "
-            f"{length} a sample ({at_turns:.3g} where it is slow); record slower strokes, or faster"
+            f"{length} a sample ({at_turns:.3g} where it is slow); use slower strokes, or a faster sampling"
         ]
     return []

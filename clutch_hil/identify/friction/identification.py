@@ -83,7 +83,7 @@ def identify_friction(
     records = read_records(given, columns, own_map, sampling)
     held = read_records(judging, columns, own_map, sampling) if judging else []
     if held and held[0].units != records[0].units:
-        raise InputError("held-out runs are of other quantities than the fitted ones; allowed are runs of one rig")
+        raise InputError("held-out runs have other quantities than the fitted ones; allowed are runs of one rig")
     names = [*(one.source for one in records), *(f"{one.source}, held out" for one in held)]
     slides = [{"position": one.position, "force": one.force, "load": one.load} for one in (*records, *held)]
     refuse_hard(find_repeated([*zip(names, slides, strict=True)]), "")
@@ -91,7 +91,7 @@ def identify_friction(
     scale = measure_scale(records)
     offered, warnings = find_excited(chosen, records, scale)
     if "load_gain" in first.terms and scale.load == 0.0:
-        raise InputError("term 'load_gain' is given, and the load is 0 throughout; leave it away, or name another load")
+        raise InputError("term 'load_gain' is given, but the load is 0 throughout; leave it out, or give another load")
     if terms is None:
         most = elements or MOST_ELEMENTS
         steps = select(first, offered, most, records, scale, progress)
@@ -108,7 +108,7 @@ def identify_friction(
 def _choose_first_structure(law: Law, elements: int | None, terms: Sequence[str] | None) -> Structure:
     """The barest structure of `law`, or the one that the user fixed. Raises InputError."""
     if elements is not None and not law.elements:
-        raise InputError(f"law {law.name} has no elements; {elements} were asked for")
+        raise InputError(f"law {law.name} has no elements, but {elements} were requested")
     if elements is not None and not 1 <= elements <= 20:  # 20: twice the most of the thesis
         raise InputError(f"number of elements is {elements}; allowed is 1 to 20")
     allowed = (*RIGID, *law.terms)
@@ -118,10 +118,10 @@ def _choose_first_structure(law: Law, elements: int | None, terms: Sequence[str]
         if term not in allowed:
             raise InputError(f"law {law.name} has no term {term!r}; it has {', '.join(allowed)}")
     if set(terms or ()) >= EXCLUSIVE:
-        raise InputError("terms fall and preload are given; allowed is one of them")
+        raise InputError("terms fall and preload were both given; only one of them is allowed")
     for term in terms or ():
         if (needed := NEEDS.get(term, term)) not in (terms or ()):
-            raise InputError(f"term {term!r} needs {needed!r} as well; add it, or leave {term!r} away")
+            raise InputError(f"term {term!r} needs {needed!r} as well; add it, or leave {term!r} out")
     return Structure(law, elements or (law.elements[0] if law.elements else 0), tuple(dict.fromkeys(terms or ())))
 
 
@@ -191,7 +191,7 @@ def _make_result(
         doubts += judge_break_points(points, records, units[0])
     elif values.get("beta", 1.0) > 1.0 and structure.law.centred:
         doubts.append(
-            "friction rises from rest: pre-sliding looks like this to a law without memory; compare gms, or lugre"
+            "friction rises from rest: with a law without memory, pre-sliding looks like this; compare with gms or lugre"
         )
     if agree[1] > 1 and agree[0] == 1:
         doubts.append(f"one of {agree[1]} starts ended at this minimum: another may be better, try more --starts")

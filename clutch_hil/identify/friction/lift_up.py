@@ -66,9 +66,7 @@ class LiftRecord:
             values = check_signal(name, getattr(self, name), count)
             object.__setattr__(self, name, values)
             if float(np.ptp(values)) == 0.0:
-                raise InputError(
-                    f"the {name} of the butterflies stays at {values[0]:g} {unit}; needed is one that changes"
-                )
+                raise InputError(f"the {name} of the butterflies stays at {values[0]:g} {unit}; it must change")
         require("period of the butterflies", self.period, above=0.0, unit="s")
         require("load of the butterflies", self.load, above=0.0, unit="N")
         require("radius of the butterflies", self.radius, least=0.0, unit="m")
@@ -134,7 +132,7 @@ class IdentifiedLiftUp:
     def model(self) -> LiftUp:
         """The normal direction of `plant_sim.friction.lift_up`. Raises InputError for the kind "height"."""
         if self.kind != "force":
-            raise InputError("lift-up of the kind 'height' is no model of appendix E; identify the kind 'force'")
+            raise InputError("lift-up of the kind 'height' is not a model of appendix E; identify the kind 'force'")
         return _with_values(self.contact, self.values)
 
 

@@ -45,7 +45,7 @@ def draw_friction(friction: IdentifiedFriction, records: Sequence[SlideRecord]) 
     left.axhline(0.0, color=palette.INK, lw=0.7)
     for axes, across, up, title in (
         (over_time, "time [s]", f"force [{unit}]", "Force"),
-        (left, "time [s]", f"measured less model [{unit}]", f"Residual, {fitted}"),
+        (left, "time [s]", f"measured minus model [{unit}]", f"Residual, {fitted}"),
         (over_speed, f"speed [{length}/s]", f"friction [{unit}]", "Friction over speed"),
         (loops, f"position [{length}]", f"friction [{unit}]", "Friction over position"),
     ):  # fmt: skip

@@ -85,7 +85,7 @@ def select(
         tried = []
         candidates = _expand(last.structure, offered, most_elements)
         for number, one in enumerate(candidates):
-            progress(f"{last.structure}: trying terms", (len(steps) - 1 + number / len(candidates)) / (MOST_STEPS + 1))
+            progress(f"{last.structure}: adding terms", (len(steps) - 1 + number / len(candidates)) / (MOST_STEPS + 1))
             fitted, estimate = fit_structure(one, records, scale, [widen(last.values, one, scale, records)])
             tried.append((estimate.rmse, one, fitted))
         if not tried:
@@ -104,7 +104,7 @@ def _prune(steps: list[Step], records: Sequence[SlideRecord], scale: Scale, prog
     """Leave terms of the chosen step out again that held-out stretches do not need: an early term may stand for a later one."""
     best = min(steps, key=lambda step: float(step.squares.mean()))
     while (chosen := next(step for step in steps if step.chosen)).structure.terms:
-        progress(f"{chosen.structure}: leaving terms out", 0.85)
+        progress(f"{chosen.structure}: removing terms", 0.85)
         tried = []
         for term in chosen.structure.terms:
             kept = tuple(one for one in chosen.structure.terms if term not in (one, NEEDS.get(one)))

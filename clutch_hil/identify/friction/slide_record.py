@@ -140,7 +140,8 @@ def _from_run(
     """The records of one run; `imported`: limit of the low pass [Hz] that its import map has applied already."""
     if not run.columns:
         raise InputError(
-            f"{name_run(name)} has no columns with names; read it by a map, as `clutch-hil import --draft` writes one"
+            f"{name_run(name)} has no columns with names; read it with a map, of which `clutch-hil import --draft`"
+            " writes a draft"
         )
     time, _ = _take(name, run, "time", columns.time or "time_s")
     force, force_unit = _need(name, run, "force", columns.force)
@@ -150,7 +151,7 @@ def _from_run(
         speed = find_column(name, run, "speed", columns.speed)
         if speed is None:
             raise InputError(
-                f"{name_run(name)} has no position and no speed that is known by name; {_describe_choice(run)}"
+                f"{name_run(name)} has no column with a known name for position or speed; {_describe_choice(run)}"
             )
         way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[0][1:] + speed[0][:-1]) * np.diff(time))])
         position = way, _FAMILIES["position"][_FAMILIES["speed"].index(speed[1])]
@@ -179,14 +180,12 @@ def _make_record(
         raise InputError(f"{name_run(source)} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
     if float(np.ptp(steps)) > 0.02 * float(steps.mean()):  # 2 %: decimal seconds of a file
         raise InputError(
-            f"{name_run(source)} has steps of {steps.min():.4g} to {steps.max():.4g} s; set a rate to resample it to"
+            f"{name_run(source)} has steps of {steps.min():.4g} to {steps.max():.4g} s; set a rate for resampling"
         )
     position, force = (np.ascontiguousarray(piece[one], float) for one in ("position", "force"))
     for what, column, unit in (("position", position, units[0]), ("force", force, units[1])):
         if float(np.ptp(column)) == 0.0:
-            raise InputError(
-                f"{name_run(source)}: the {what} stays at {column[0]:g} {unit}; needed is one that changes"
-            )
+            raise InputError(f"{name_run(source)}: the {what} stays at {column[0]:g} {unit}; it must change")
     load = np.ascontiguousarray(piece.get("load", np.ones(time.size)), float)
     if (low := float(load.min())) < 0.0:
         if low < -0.05 * float(np.abs(load).max()):  # 5 %: chosen, the zero of a load cell
@@ -219,12 +218,12 @@ def check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray]) 
 def _need(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]:
     column = find_column(name, run, what, chosen)
     if column is None:
-        raise InputError(f"{name_run(name)} has no {what} that is known by name; {_describe_choice(run)}")
+        raise InputError(f"{name_run(name)} has no column with a known name for the {what}; {_describe_choice(run)}")
     return column
 
 
 def _describe_choice(run: Run) -> str:
-    return f"name one of its columns by --position, --speed, --force, --load or --gap: {', '.join(run.columns)}"
+    return f"choose its columns by --position, --speed, --force, --load or --gap: {', '.join(run.columns)}"
 
 
 def find_column(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str] | None:
@@ -271,4 +270,4 @@ def _find_unit(name: str, run: Run, what: str, column: str) -> str:
     for end in ("_".join(words[-2:]), words[-1]):
         if end in _ENDS and len(words) > 1:
             return _ENDS[end]
-    raise InputError(f"{name_run(name)} tells no unit of {column!r} for the {what}; give it as {column}:UNIT")
+    raise InputError(f"{name_run(name)} states no unit of {column!r} for the {what}; give it as {column}:UNIT")

@@ -54,7 +54,7 @@ def measure_scale(records: Sequence[SlideRecord]) -> Scale:
     )
     fastest = float(np.quantile(np.abs(speed), 0.995))
     if not fastest > LEAST_PEAK * float(np.mean(np.abs(speed))):
-        raise InputError("the position rests in nearly all rows, and jumps in the others; needed is one that slides")
+        raise InputError("the position rests in nearly all rows, and jumps in the others; it must slide")
     slides = np.abs(speed) > SLIDING_SHARE * fastest
     rows = np.column_stack([np.sign(speed), speed, acceleration, np.ones(speed.size), load])[slides]
     size = np.linalg.norm(rows, axis=0)
@@ -68,7 +68,8 @@ def measure_scale(records: Sequence[SlideRecord]) -> Scale:
     acting = float(np.mean((np.sign(speed) * (force - rigid))[slides]))
     if friction < 0.0 and acting < 0.0 and _reverses(speed, fastest):
         raise InputError(
-            f"the force acts with {-acting:.3g} along the motion: friction would drive it; reverse its sign, as by COLUMN:-N"
+            f"the force acts with {-acting:.3g} along the motion: friction would drive it; reverse its sign, for"
+            " example with COLUMN:-N"
         )
     moving = np.abs(speed[slides])
     finest = float(np.quantile(moving, 0.05)) * max(one.period for one in records)

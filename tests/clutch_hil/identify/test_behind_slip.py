@@ -72,7 +72,7 @@ def test_a_motor_that_was_recorded_is_none_that_is_missing() -> None:
 def test_what_is_missing_of_a_motor_is_told() -> None:
     sentence = describe_missing_motor(make_evidence(a={}, b={DEMAND: FORMULA}))
     assert sentence.startswith(
-        f"{DEMAND} of run b is computed from the slip: the clutch is identified behind its measured slip"
+        f"{DEMAND} of run b is computed from the slip: the clutch is identified from its measured slip"
     )
     evidence = make_evidence(a={}, b={})
     lacking = replace(evidence, measured={**evidence.measured, "b": {DEMAND: np.zeros(3)}})
@@ -108,7 +108,9 @@ def test_a_motor_torque_in_another_unit_is_refused() -> None:
     run = simulate(profile="stribeck_staircase", seed=5).columns
     foreign = {name: values for name, values in run.items() if name != DEMAND}
     foreign["motor_torque_nm"] = 8.85 * run["motor_torque_nm"]
-    with pytest.raises(InputError, match=r"clutch_torque_nm, .* both are one torque: one of them is another channel"):
+    with pytest.raises(
+        InputError, match=r"clutch_torque_nm, .* both are the same torque: one of them is another channel"
+    ):
         identify_clutch([Run(foreign, {})])
 
 

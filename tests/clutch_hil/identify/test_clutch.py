@@ -117,12 +117,12 @@ def test_what_is_left_above_the_noise_is_told_by_output() -> None:
     assert warn_misfit({"clutch_torque_nm": 1.0}) == []
     (sentence,) = warn_misfit({"clutch_torque_nm": 1.31}, logged=True)
     assert (
-        "Rows of a logger alone may leave that: log every cycle of the loop. Else the model or the recording"
+        "The low rate of a logger alone can cause this: log every cycle of the loop. Otherwise the model or the recording"
         in sentence
     )
     (sentence,) = warn_misfit({"clutch_torque_nm": 2.0}, ["oil.heat_transfer", "clutch.attraction"])
     assert (
-        "further off than is assumed (clutch.attraction, oil.heat_transfer), or the model or recording lacks something"
+        "parameters differ more than assumed (clutch.attraction, oil.heat_transfer), or the model or recording lacks something"
         in sentence
     )
 
@@ -182,7 +182,7 @@ def test_a_calibration_of_another_clutch_that_makes_no_fault_is_warned_of() -> N
     options = {"scenario": "engagement", "adaptation": False}
     other = ch.simulate(**options, plant=values)  # type: ignore[arg-type]
     assert ch.measure_run(other)["fault"] == "none"
-    assert "its calibration is of another clutch" in (describe(other) or "")
+    assert "its calibration belongs to another clutch" in (describe(other) or "")
     assert describe(ch.simulate(**options)) is None  # type: ignore[arg-type]
     drifted = ch.simulate(**options, plant={"friction_level.level": 0.97})  # type: ignore[arg-type]
     assert "its calibration or the torque sensor is off" in (describe(drifted) or "")
@@ -222,13 +222,15 @@ def test_what_rows_of_a_logger_leave_is_not_only_missing_physics(result: Identif
     left = replace(result, misfit={**result.misfit, "cylinder_pressure_bar": 1.6}, findings=[])
     assert "log every cycle" not in make_verdict_sentence(left)
     logged = replace(left, findings=[Finding("logged", "time_s", (0, 9), "are taken as a logger's", False)])
-    assert "Rows of a logger alone may leave that: log every cycle of the loop." in make_verdict_sentence(logged)
+    assert "The low rate of a logger alone can cause this: log every cycle of the loop." in make_verdict_sentence(
+        logged
+    )
 
 
 def test_outliers_and_a_faulted_stretch_are_left_out(result: Identification) -> None:
     assert any("outliers" in note for note in result.calibration.notes)
     assert any(
-        "7 samples alone, far from the neighbours: the median of five rows instead" in note
+        "7 samples far from the neighbours: replaced by the median of five rows" in note
         for note in result.calibration.notes
     )
     assert any("fault" in note for note in result.calibration.notes)
@@ -238,15 +240,15 @@ def test_outliers_and_a_faulted_stretch_are_left_out(result: Identification) -> 
     ("column", "change", "words"),
     [
         ("clutch_torque_nm", lambda values: -values, "clutch_torque_nm, .* reverse its sign"),
-        ("clutch_torque_nm", lambda values: 0.7376 * values, "moves by 0.738 of what motor_torque_nm does .* lbf ft"),
-        ("motor_torque_nm", lambda values: 0.7376 * values, "moves by 1.36 of what motor_torque_nm does .* lbf ft"),
+        ("clutch_torque_nm", lambda values: 0.7376 * values, "moves 0.738 times as much as motor_torque_nm .* lbf ft"),
+        ("motor_torque_nm", lambda values: 0.7376 * values, "moves 1.36 times as much as motor_torque_nm .* lbf ft"),
         (
             "motor_speed_demand_rad_s",
             lambda values: -values,
             "slip_speed_rad_s, .* reverse its sign, or that of an input",
         ),
         ("clutch_torque_nm", lambda values: 0.0 * values, "no torque that rises with the pressure"),
-        ("motor_torque_nm", lambda values: 0.0 * values, "where motor_torque_nm, the same torque, does not"),
+        ("motor_torque_nm", lambda values: 0.0 * values, "but motor_torque_nm, the same torque, does not"),
         ("cylinder_pressure_bar", lambda values: 0.0 * values + 3.0, "no torque that rises with the pressure"),
     ],
 )
@@ -265,8 +267,11 @@ def test_a_torque_that_follows_no_pressure_or_a_turned_sign_is_refused(  # type:
         ({"rig": "nosuch"}, "nosuch"),
         ({"hold": {"clutch.nosuch": None}}, "clutch.nosuch"),
         ({"bounds": {"valve.gain": (3.0, 2.0)}}, "valve.gain"),
-        ({"bounds": {"sensors.pressure_sensitivity": (0.9, 1.1)}}, "mean nothing, as it is not fitted; fitted are"),
-        ({"bounds": {"valve.gain": (2.0, 3.0)}, "hold": {"valve.gain": None}}, "bounds of valve.gain mean nothing"),
+        (
+            {"bounds": {"sensors.pressure_sensitivity": (0.9, 1.1)}},
+            "have no effect, because it is not fitted; fitted are",
+        ),
+        ({"bounds": {"valve.gain": (2.0, 3.0)}, "hold": {"valve.gain": None}}, "bounds of valve.gain have no effect"),
         ({"bounds": {"motor.inertia": (-1.0, 1.0)}}, "motor.inertia"),
         ({"hold": {"valve.gain": 1e9}}, "valve.gain"),
         ({"ties": {"valve.gain": "nosuch.name"}}, "nosuch.name"),
@@ -276,7 +281,7 @@ def test_a_torque_that_follows_no_pressure_or_a_turned_sign_is_refused(  # type:
             "valve.gain is tied to valve.damping, which is tied to valve.frequency",
         ),
         ({"ties": {"valve.gain": "valve.gain"}}, "allowed is a parameter that is not tied"),
-        ({"ties": {"valve.gain": "valve.damping"}, "hold": {"valve.gain": 2.4}}, "valve.gain is held, and tied to"),
+        ({"ties": {"valve.gain": "valve.damping"}, "hold": {"valve.gain": 2.4}}, "valve.gain is both held and tied to"),
     ],
 )
 def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: str) -> None:
@@ -319,5 +324,5 @@ def test_a_value_that_is_no_number_is_refused_by_column(runs: list[Run]) -> None
 
 
 def test_without_runs_nothing_is_identified() -> None:
-    with pytest.raises(InputError, match="without runs"):
+    with pytest.raises(InputError, match="has no runs"):
         identify_clutch([])

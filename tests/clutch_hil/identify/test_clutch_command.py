@@ -59,7 +59,7 @@ def test_a_run_becomes_files_and_a_verdict(tmp_path: Path, run_file: Path) -> No
     for command in ("up", "simulate"):
         code, text = run_command(command, "--calibration", calibration, "--plant-parameters", run_file)
         assert code == 2
-        assert "--calibration changes plant and controller, and --plant-parameters was given, too" in text
+        assert "--calibration and --plant-parameters were both given" in text
     words = ["simulate", "--profile", "engagement", "--seconds", "1", "--json", "--out", tmp_path]
     code, text = run_command(*words, "--calibration", calibration)
     assert code == 0
@@ -120,7 +120,7 @@ def test_runs_of_two_folders_may_have_one_name_but_not_one_content(tmp_path: Pat
     needed = ("time_s", "clutch_torque_nm")
     assert list(read_evidence([first, second], "wet_clutch", needed).measured) == ["run.parquet", str(second)]
     (tmp_path / "copy.parquet").write_bytes(first.read_bytes())
-    with pytest.raises(InputError, match="is given twice; once is allowed"):
+    with pytest.raises(InputError, match="was given twice; give it once"):
         read_evidence([second, first, first], "wet_clutch", needed)
     sentence = r"run copy\.parquet: time_s, rows 0 to 999, are rows 0 to 999 of run run\.parquet: .*--force-checks"
     with pytest.raises(InputError, match=sentence):

@@ -144,7 +144,7 @@ def test_thresholds_and_gains_of_a_clutch_of_another_size_are_as_nominally_to_it
     own = values["model.coulomb_slope"][0] / DECLARED["clutch.coulomb_slope"]
     for name, factor in (("phases.torque_mismatch", own), ("lock.rate", own), ("torque.proportional_gain", 1.0 / own)):
         assert values[name][0] == pytest.approx(factor * shipped[name].value), name
-        assert "as nominally to the slope of the torque" in values[name][1]
+        assert "scaled with the slope of the torque" in values[name][1]
 
 
 def test_a_controller_gets_maps_over_the_pressure_in_the_cylinder() -> None:

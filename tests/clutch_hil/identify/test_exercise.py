@@ -28,7 +28,7 @@ def follow(bus: str, out: Path, *words: object) -> dict:
 
 def test_another_clutch_is_identified_live_and_follows(tmp_path: Path, local_bus: str) -> None:
     before = follow(local_bus, tmp_path / "before")
-    assert "its calibration is of another clutch" in before["calibration"]
+    assert "its calibration belongs to another clutch" in before["calibration"]
     with plant_under_test(None, CLUTCH, None, 1, tmp_path) as plant:
         runs = list(
             islice(play_own_courses(plant, local_bus, True, False, tmp_path / "runs", False, None, False, True), 2)

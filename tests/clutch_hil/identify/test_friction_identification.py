@@ -197,7 +197,7 @@ class TestWarnings:
 
     def test_a_load_that_the_law_does_not_know_is_told(self) -> None:
         run, _, _ = make_truth("xgms")
-        assert "which gms does not know: xgms does" in self.list_warnings(run)
+        assert "but gms has no load: use xgms" in self.list_warnings(run)
 
     def test_samples_too_far_apart_do_not_resolve_pre_sliding(self) -> None:
         stiff = GMS(Stribeck(7.0, viscous=80.0), [1e8], [1.0])

@@ -83,7 +83,7 @@ def make_identification(
 def test_one_identification_that_reaches_all_is_not_enough() -> None:
     progress = Progress()
     done, _, missing = progress.add(make_identification())  # type: ignore[arg-type]
-    assert (done, missing) == (False, ["one more run is to confirm it"])
+    assert (done, missing) == (False, ["one more run must confirm it"])
     assert progress.add(make_identification())[0]  # type: ignore[arg-type]
 
 
@@ -111,7 +111,7 @@ def test_what_is_not_reached_goes_on_and_begins_anew(second: FakeIdentification,
     done, _, missing = progress.add(second)  # type: ignore[arg-type]
     assert not done
     assert sentence in missing
-    assert progress.add(make_identification())[2] == ["one more run is to confirm it"]  # type: ignore[arg-type]
+    assert progress.add(make_identification())[2] == ["one more run must confirm it"]  # type: ignore[arg-type]
 
 
 def test_the_half_width_of_a_map_follows_from_those_of_its_parameters() -> None:
@@ -188,9 +188,9 @@ def test_with_all_every_course_is_played() -> None:
 @pytest.mark.parametrize("error", [InputError("a fault"), InterruptionError("stopped"), KeyboardInterrupt()])
 def test_what_is_whole_is_told_whatever_ends_it(error: BaseException) -> None:
     kind = InterruptionError if isinstance(error, KeyboardInterrupt) else type(error)
-    with pytest.raises(kind, match=r"whole are run0.parquet, run1.parquet: clutch-hil identify takes them"):
+    with pytest.raises(kind, match=r"complete are run0.parquet, run1.parquet: use them with clutch-hil identify"):
         play([make_identification(half=WIDE)], list_paths(2, error))
-    with pytest.raises(kind, match="no run is whole"):
+    with pytest.raises(kind, match="no run is complete"):
         play([], list_paths(0, error))
 
 
@@ -204,16 +204,16 @@ def run_experiment(*words: object) -> subprocess.CompletedProcess:
     ("words", "sentence"),
     [
         (["identify", "--nosuch"], "nosuch"),
-        (["identify", "--holdout", "crawl"], "experiment identify holds nothing out; leave --holdout away"),
-        (["crawl", "--all"], "--all goes with experiment identify"),
-        (["crawl", "--design"], "--design goes with experiment identify"),
+        (["identify", "--holdout", "crawl"], "experiment identify holds nothing out; leave --holdout out"),
+        (["crawl", "--all"], "--all is only for the experiment identify"),
+        (["crawl", "--design"], "--design is only for the experiment identify"),
         (
             ["identify", "--all", "--design"],
-            "--all plays the fixed set, and --design a shorter one; allowed is one of them",
+            "--all plays the fixed set, --design a shorter one; only one of them is allowed",
         ),
-        (["identify", "--running", "--lockstep"], "--running was given and --lockstep"),
+        (["identify", "--running", "--lockstep"], "--running and --lockstep cannot be combined"),
         (["identify", "--running", "--bus", "local:nobody"], "no bench on local:nobody"),
-        (["identify", "--scenario", "shift", "--design"], "--design is of a rig with one clutch"),
+        (["identify", "--scenario", "shift", "--design"], "--design is only for a rig with one clutch"),
     ],
 )
 def test_wrong_words_are_one_sentence_and_write_nothing(tmp_path: Path, words: list[str], sentence: str) -> None:
@@ -241,7 +241,7 @@ def test_a_fault_in_the_middle_keeps_the_run_before(tmp_path: Path, local_bus: s
     scale, stribeck = sorted((tmp_path / "runs").glob("*.parquet"))
     last = list_errors(done.stderr)[-1]
     assert "experiment identify_stribeck ended in a fault" in last
-    assert f"whole are {scale}: clutch-hil identify takes them" in last
+    assert f"complete are {scale}: use them with clutch-hil identify" in last
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
     assert stribeck.exists()
 
@@ -256,7 +256,7 @@ def test_ctrl_c_half_way_keeps_the_run_before(tmp_path: Path, local_bus: str) ->
         _, errors = process.communicate(timeout=PATIENCE)
         assert process.returncode == 130, errors
     (scale,) = tmp_path.glob("*identify_scale.parquet")
-    assert f"whole are {scale}: clutch-hil identify takes them" in list_errors(errors)[-1]
+    assert f"complete are {scale}: use them with clutch-hil identify" in list_errors(errors)[-1]
     assert not [*tmp_path.glob("*.part"), *tmp_path.glob("*.journal")]
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
 

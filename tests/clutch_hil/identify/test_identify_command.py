@@ -147,7 +147,7 @@ def test_a_file_without_names_asks_for_a_map(tmp_path):
     recording.write_text("1.0\t2.0\n" * 200)
     _, error = run(recording, "--friction", "gms", "--out", tmp_path / "out")
     assert isinstance(error, InputError)
-    assert "read it by a map" in str(error)
+    assert "read it with a map" in str(error)
 
 
 def test_a_missing_law_and_a_file_that_would_be_lost_are_refused(tmp_path):

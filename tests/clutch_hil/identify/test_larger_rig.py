@@ -61,7 +61,7 @@ def test_its_motor_is_as_large_as_the_runs_show_and_that_is_told(larger: Identif
     assert shown < limit <= 1.25 * shown
     assert "largest torque of the runs" in why
     (sentence,) = [str(finding) for finding in larger.findings if finding.check == "larger"]
-    assert "where the declared motor gives 40 Nm: the rig is taken as a larger one" in sentence
+    assert "but the declared motor gives 40 Nm: the rig is taken as a larger one" in sentence
     assert "Check the unit; --hold motor.torque_limit=" in sentence
 
 

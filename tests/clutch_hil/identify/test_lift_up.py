@@ -78,7 +78,7 @@ def test_film_of_the_tribometer_is_identified_through_its_sensors():
     assert lift_up.values["height"] == pytest.approx(film["height"], rel=0.02)
     assert lift_up.values["speed_scale"] == pytest.approx(film["speed"] * radius, rel=0.02)
     assert lift_up.values["rate"] == pytest.approx(film["rate"], rel=0.02)
-    with pytest.raises(InputError, match="no model of appendix E"):
+    with pytest.raises(InputError, match="not a model of appendix E"):
         _ = lift_up.model
 
 

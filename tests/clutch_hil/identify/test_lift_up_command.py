@@ -66,10 +66,10 @@ def test_an_angle_needs_the_radius(tmp_path: Path, runs: list[Path]) -> None:
     ("words", "sentence"),
     [
         (["--hold", "mass=1"], "the stiffness of the contact is not given"),
-        ([*CONTACT, "--hold", "colour=1"], "--hold colour is nothing of a lift-up"),
-        (["--hold", "mass=1", "--hold", "stiffness=1e9"], "has no load that is known by name"),
+        ([*CONTACT, "--hold", "colour=1"], "--hold colour is not a parameter of a lift-up"),
+        (["--hold", "mass=1", "--hold", "stiffness=1e9"], "has no column with a known name for the load"),
         ([*CONTACT, "--gap", "nosuch"], "'nosuch'"),
-        ([*CONTACT, "--force", "way"], "--force is nothing of --friction lift-height"),
+        ([*CONTACT, "--force", "way"], "--force is not an option of --friction lift-height"),
         ([*CONTACT, "--hold", "load=0"], "load of the butterflies is 0 N"),
         ([*CONTACT, "--gap", "way:N"], "allowed is what can be converted into m"),
     ],
@@ -85,7 +85,7 @@ def test_wrong_words_are_one_sentence(tmp_path: Path, runs: list[Path], words: l
 def test_a_gap_without_a_lift_up_is_told(tmp_path: Path, runs: list[Path]) -> None:
     code, text = run_command("identify", *runs, "--gap", "gap_um", "--out", tmp_path / "film")
     assert code == 2
-    assert "--gap goes with --friction" in text
+    assert "--gap is only for --friction" in text
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def test_a_motor_that_stays_below_what_steps_ask_for_is_at_its_limit(limit: floa
     result, (sentence,) = find_limit_at_steps({"run": run}, DECLARED)
     assert result == pytest.approx(limit, rel=EXACT)
     assert (sentence.check, sentence.hard, sentence.run) == ("limit", False, "run")
-    assert "where the declared motor gives 40 Nm" in str(sentence)
+    assert "but the declared motor gives 40 Nm" in str(sentence)
 
 
 def test_a_motor_that_gives_what_it_is_asked_for_is_the_declared_one() -> None:

@@ -209,10 +209,10 @@ def test_a_hand_over_alone_becomes_files_and_warnings(tmp_path: Path, runs: list
             {"hold": {"driveline.ratio_a": 2.0}},
             "driveline.ratio_a and driveline.ratio_b are both 2; two gears must differ",
         ),
-        ({"bounds": {"driveline.wheel_radius": (0.2, 0.4)}}, "bounds of driveline.wheel_radius mean nothing"),
+        ({"bounds": {"driveline.wheel_radius": (0.2, 0.4)}}, "bounds of driveline.wheel_radius have no effect"),
         (
             {"bounds": {"motor.inertia": (0.01, 0.1)}, "hold": {"motor.inertia": None}},
-            "bounds of motor.inertia mean nothing",
+            "bounds of motor.inertia have no effect",
         ),
     ],
 )

@@ -104,7 +104,7 @@ def test_locked_plates_need_the_limit_of_the_motor() -> None:
     assert ch.find_discrepancy([run]).result.verdict == "nothing_missing"
     without = Run({name: values for name, values in run.columns.items() if name != LIMIT}, run.metadata)
     with pytest.raises(
-        ch.InputError, match=f"the plates are locked under a limit of the motor, which {LIMIT} must tell"
+        ch.InputError, match=f"the plates are locked and the motor is at its limit, which {LIMIT} must state"
     ):
         ch.find_discrepancy([without])
 

@@ -81,10 +81,10 @@ def test_flicker_of_the_last_digit_is_held() -> None:
 @pytest.mark.parametrize(
     ("columns", "chosen", "message"),
     [
-        ({"force_n": FORCE}, Columns(), "no position and no speed"),
-        ({"position_m": WAY}, Columns(), "has no force"),
+        ({"force_n": FORCE}, Columns(), "no column with a known name for position or speed"),
+        ({"position_m": WAY}, Columns(), "has no column with a known name for the force"),
         ({"position_m": WAY, "force_n": FORCE}, Columns(force="forse_n"), "no column 'forse_n' for the force; did you"),
-        ({"position_m": WAY, "F": FORCE}, Columns(force="F"), "tells no unit of 'F'"),
+        ({"position_m": WAY, "F": FORCE}, Columns(force="F"), "states no unit of 'F'"),
         ({"position_m": WAY, "F": FORCE}, Columns(force="F:bar"), "is in 'bar'; allowed is what can be converted into N or Nm"),
         ({"position_m": WAY, "force_n": np.where(np.arange(N) == 7, np.nan, FORCE)}, Columns(), "force is not a number in row"),
         ({"position_m": WAY, "force_n": 1e200 * FORCE}, Columns(), "force is -?3e[+]200 in row 0; allowed is up to 1e[+]15"),

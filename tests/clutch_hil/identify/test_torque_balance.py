@@ -29,4 +29,4 @@ def test_a_dead_motor_torque_is_told(dead: float) -> None:
 def test_a_torque_in_another_unit_is_told() -> None:
     (finding,) = find_other_torque({"run": make_run(TORQUE / 1.356)})
     assert finding.hard
-    assert "moves by 1.36 of what motor_torque_nm does" in finding.text
+    assert "moves 1.36 times as much as motor_torque_nm" in finding.text
