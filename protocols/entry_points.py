@@ -51,5 +51,5 @@ def load_entry(group: str, kind: str, name: str) -> Any:
     first, *others = (point for point in list_points(group) if point.name == name)
     if others:
         packages = join_names(find_package(point) for point in (first, *others))
-        raise InputError(f"{kind} {name} is offered by more than one package, {packages}; allowed is one of them")
+        raise InputError(f"{kind} {name} is offered by more than one package, {packages}; remove all but one")
     return load_point(first, f"{kind} {name}")

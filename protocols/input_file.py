@@ -24,7 +24,7 @@ def check_name(path: Path, what: str) -> None:
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        raise InputError(f"{what} {path} has a name that is no text in UTF-8; rename it") from None
+        raise InputError(f"{what} {path} has a name that is not UTF-8 text; rename it") from None
 
 
 def check_file(path: Path, what: str, most: float = inf) -> None:
@@ -72,7 +72,7 @@ def read_text(path: Path, what: str, most: int = _MOST_BYTES) -> str:
     try:
         return read_raw(path, what, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{what} {path} cannot be read: it is no text in UTF-8 ({error.reason})") from None
+        raise InputError(f"{what} {path} cannot be read: it is not UTF-8 text ({error.reason})") from None
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Commands as real processes, for the tests, and in this one where only their words matter."""
+"""Run `clutch-hil` commands for tests: as processes, or in this process if only their output matters."""
 
 import os
 import subprocess
@@ -14,26 +14,26 @@ from clutch_hil.command import make_application
 from protocols.errors import InputError
 from protocols.realtime.child import list_command
 
-PATIENCE = 120.0  # s for what takes a second or two on an idle machine
-# plant and controller on one CPU, as `up` has them: a CPU of a shared machine that stands still does so for both
+PATIENCE = 120.0  # s, timeout for actions that take a second or two on an idle machine
+# plant and controller on one CPU, as with `up`: if a shared machine stops this CPU, it stops both
 ONE_CPU = ("--cpu", str(max(os.sched_getaffinity(0))))
 
 
-_PROGRESS = "loading modules", "compiling kernels: ", "kernels are compiled", "waiting for ", "at work for ", " % done"
+_PROGRESS = "loading modules", "compiling kernels: ", "kernels are compiled", "waiting for ", "working for ", " % done"
 
 
 def is_progress(line: str) -> bool:
-    """Whether a line on stderr only says that a command is on its way, as it does on a busy machine."""
+    """Return whether a line on stderr only reports progress, which commands print on a busy machine."""
     return any(words in line for words in _PROGRESS)
 
 
 def list_errors(errors: str) -> list[str]:
-    """The lines on stderr that are no progress."""
+    """Return the lines of stderr that do not report progress."""
     return [line for line in errors.strip().splitlines() if not is_progress(line)]
 
 
 def await_file(path: Path, holding: str = "") -> None:
-    """Wait until another process has made a file, and written `holding` into it."""
+    """Wait until another process has made the file `path` and written the text `holding` into it."""
     deadline = time.monotonic() + PATIENCE
     while not (path.exists() and holding in path.read_text(errors="replace")):
         assert time.monotonic() < deadline, f"{path} never came" + (f" to hold {holding!r}" if holding else "")
@@ -41,10 +41,11 @@ def await_file(path: Path, holding: str = "") -> None:
 
 
 def play_here(*words: object) -> subprocess.CompletedProcess[str]:
-    """A `clutch-hil` command, played to its end in this process: what it is started for costs a second or two of CPU time.
+    """Run a `clutch-hil` command in this process, which saves the second or two of CPU time that a new process needs.
 
-    An InputError is what a process prints as one sentence with exit code 2 (tests/clutch_hil/commands/test_command.py).
-    A command that changes how this process is scheduled, as `record` does, fails here: all later tests would have its priority.
+    For an InputError the result has exit code 2 and the sentence that a process prints
+    (tests/clutch_hil/commands/test_command.py). A command that changes the scheduling of this process, such as `record`, fails
+    here, because all later tests would run with its priority.
     """
     before = os.sched_getscheduler(0), os.sched_getaffinity(0)
     arguments = [str(word) for word in words]
@@ -59,7 +60,7 @@ def play_here(*words: object) -> subprocess.CompletedProcess[str]:
 
 @contextmanager
 def service(*arguments: str, **settings: Any) -> Iterator[subprocess.Popen]:
-    """A `clutch-hil` command while it runs, with pipes unless `settings` of Popen say else; killed when it is left running."""
+    """Run a `clutch-hil` command as a process, killed at the end. `settings`: arguments of Popen; default: pipes and text."""
     settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | settings
     process = subprocess.Popen(list_command(*arguments), **settings)
     try:

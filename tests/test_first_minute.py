@@ -103,7 +103,7 @@ def test_it_can_be_ended_while_it_starts(
     out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130, out + errors
     assert errors.strip().splitlines()[-1].startswith("interrupted: ")
-    assert "compiled kernels are kept" in errors
+    assert "compiled kernels are stored" in errors
     assert not list(tmp_path.rglob("*.part"))
 
 
@@ -145,8 +145,9 @@ def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: 
     sentence: list[str] = []
     with Stop() as stop, Services({"controller": []}) as services, pytest.raises(InputError) as error:
         services.wait_for_rings(stop, sentence.append)
-    assert "the controller had not started 3 s after it said 'kernels are compiled: 3 in 1 s' (limit 3 s" in str(
-        error.value
+    assert (
+        "the controller had not started 3 s after its last message 'kernels are compiled: 3 in 1 s' (limit 3 s"
+        in str(error.value)
     )
     assert "CPUs" in str(error.value)
     assert sentence[0] == "controller: kernels are compiled: 3 in 1 s"
@@ -157,7 +158,7 @@ def test_who_stops_services_that_start_is_told_what_is_kept(monkeypatch: pytest.
     monkeypatch.setattr("clutch_hil.bench.services.list_command", lambda *arguments: ["sleep", "60"])
     with Stop() as stop, Services({"plant": []}) as services:
         stop.asked = True
-        with pytest.raises(InterruptionError, match="nothing was written, compiled kernels are kept"):
+        with pytest.raises(InterruptionError, match="nothing was written, compiled kernels are stored"):
             services.wait_for_rings(stop, lambda line: None)
 
 
@@ -200,7 +201,7 @@ def test_processes_compile_a_kernel_once_and_never_mix_types(tmp_path: Path) -> 
     ("place", "note"),
     [
         ("", ""),
-        ("/tmp/clutch-hil-unkept-1/clutch-hil/2", "; compiled kernels cannot be kept here: set NUMBA_CACHE_DIR .*"),
+        ("/tmp/clutch-hil-unkept-1/clutch-hil/2", "; compiled kernels cannot be stored here: set NUMBA_CACHE_DIR .*"),
     ],
 )
 def test_progress_is_told_by_a_thread_that_ends(
@@ -236,7 +237,7 @@ def test_who_computes_without_a_word_is_told(
 ) -> None:
     lines = collect_reports(monkeypatch, capsys, nullcontext())
     assert len(lines) >= 2
-    assert all(re.fullmatch(r"at work for \d s", line) for line in lines)
+    assert all(re.fullmatch(r"working for \d s", line) for line in lines)
 
 
 def test_without_a_terminal_a_progress_bar_is_lines(

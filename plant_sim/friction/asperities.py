@@ -62,7 +62,7 @@ class Asperities:
         if len(set(sizes)) != 1:
             counts = ", ".join(map(str, sizes))
             raise InputError(
-                f"asperities have {counts} positions, heights, stiffnesses, masses; needed are equal numbers"
+                f"asperities have {counts} positions, heights, stiffnesses, masses; the numbers must be equal"
             )
         stiffness_ratio(self.poisson)
 

@@ -55,9 +55,7 @@ class CounterSurface:
         object.__setattr__(self, "width", check_element_values("step width", self.width))
         object.__setattr__(self, "gap", check_element_values("recess width", self.gap))
         if self.width.size != self.gap.size:
-            raise InputError(
-                f"surface has {self.width.size} steps and {self.gap.size} recesses; needed is one for each step"
-            )
+            raise InputError(f"surface has {self.width.size} steps and {self.gap.size} recesses; each step needs one")
 
     @classmethod
     def draw(

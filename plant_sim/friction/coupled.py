@@ -138,7 +138,7 @@ def simulate_slide(
     require("least load", float(loads.min()), least=0.0, unit="N")
     begin = check_real("start [m, m/s]", start)
     if begin.shape != (2,):
-        raise InputError(f"start has shape {begin.shape}; needed are position and velocity")
+        raise InputError(f"start has shape {begin.shape}; it must be position and velocity")
     state, motion = model.rest(float(loads[0])), np.empty((force.size // every, 3))
     slide_mass(
         model.law, model.parameters, state, float(mass), float(damping), float(spring), (begin[0], begin[1]), force, loads,

@@ -92,7 +92,7 @@ class Directed(FrictionModel):
         springs = [np.ravel(getattr(one, "stiffness", 0.0)) for one in (self.up, self.down)]
         if springs[0].shape != springs[1].shape or not np.allclose(springs[0], springs[1], rtol=1e-9, atol=0.0):
             raise InputError(
-                f"springs are {springs[0]} N/m forwards and {springs[1]} N/m backwards; allowed are equal ones"
+                f"springs are {springs[0]} N/m forwards and {springs[1]} N/m backwards; they must be equal"
             )
         object.__setattr__(self, "law", _LAWS[type(self.up)])
 

@@ -192,7 +192,7 @@ class GenericRayleighModel(AsperityModel):
         require_type("threshold", self.threshold, SlidingThreshold)
         if isinstance(self.dry, FixedSeparationModel):
             raise InputError(
-                "the dry model has a fixed separation; allowed is one with a load balance, so that a film can lift it"
+                "the dry model has a fixed separation; it needs a load balance, so that a film can lift the body"
             )
         check_threshold(self.film, self.threshold, self.dry.friction.mu_0, self.dry.friction.mu_inf)
 

@@ -104,7 +104,7 @@ def check_elements(stiffness: object, weights: object) -> tuple[Array, Array]:
     """
     k, alpha = check_element_values("stiffness [N/m]", stiffness), check_element_values("weight", weights)
     if k.size != alpha.size:
-        raise InputError(f"there are {k.size} stiffnesses and {alpha.size} weights; needed are as many")
+        raise InputError(f"there are {k.size} stiffnesses and {alpha.size} weights; the numbers must be equal")
     if abs(alpha.sum() - 1.0) > 1e-9:
-        raise InputError(f"the weights have the sum {alpha.sum():.12g}; allowed is 1")
+        raise InputError(f"the weights have the sum {alpha.sum():.12g}; it must be 1")
     return k, alpha

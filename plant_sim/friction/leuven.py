@@ -126,7 +126,7 @@ class Leuven(FrictionModel):
         require("damping", self.damping, least=0.0, unit="Ns/m")
         if self.stiffness.size != self.limits.size:
             raise InputError(
-                f"there are {self.stiffness.size} stiffnesses and {self.limits.size} limits; needed are as many"
+                f"there are {self.stiffness.size} stiffnesses and {self.limits.size} limits; the numbers must be equal"
             )
         if self.limits.sum() < self.stribeck.highest:
             raise InputError(

@@ -132,9 +132,7 @@ class LiftingXGMS(FrictionModel):
     def __post_init__(self) -> None:
         require_type("tangential", self.tangential, XGMS)
         if self.tangential.law is not xgms:
-            raise InputError(
-                f"tangential is a {type(self.tangential).__name__}; allowed is XGMS itself, whose law is used"
-            )
+            raise InputError(f"tangential is a {type(self.tangential).__name__}; it must be an XGMS, whose law is used")
         require_type("normal", self.normal, LiftUp)
 
     @cached_property

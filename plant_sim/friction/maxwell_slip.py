@@ -52,7 +52,7 @@ class MaxwellSlip(ElementModel):
         object.__setattr__(self, "limits", check_element_values("limit [N]", self.limits, infinite=True))
         if self.stiffness.size != self.limits.size:
             raise InputError(
-                f"there are {self.stiffness.size} stiffnesses and {self.limits.size} limits; needed are as many"
+                f"there are {self.stiffness.size} stiffnesses and {self.limits.size} limits; the numbers must be equal"
             )
 
     @cached_property

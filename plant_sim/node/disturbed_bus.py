@@ -40,7 +40,7 @@ class DisturbedBus:
                 raise InputError(f"injection at {injection.at:g} s is too late: the rig is at {now:g} s")
         count = len(self._changes) + sum(2 * len(injection.values) for injection in injections)
         if count > _MOST_CHANGES:
-            raise InputError(f"the bus would have {count} changes of faults; allowed are {_MOST_CHANGES} in a run")
+            raise InputError(f"the bus would have {count} changes of faults; allowed are {_MOST_CHANGES} in one run")
 
     def plan(self, injections: Sequence[Injection]) -> None:
         """Plan changes that `check` has passed, in order of time: a later change returns to the value set by an earlier one."""

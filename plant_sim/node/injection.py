@@ -48,7 +48,7 @@ class Injection:
     def __post_init__(self) -> None:
         """Raise InputError for an injection without values, or an impossible time."""
         if not self.values:
-            raise InputError("an injection changes nothing; name a parameter and its value")
+            raise InputError("an injection changes nothing; give a parameter and its value")
         for name, seconds in (("time", self.at), ("ramp", self.ramp)):
             if not 0.0 <= seconds <= LATEST:
                 raise InputError(f"{name} {seconds:g} s of an injection is not possible; allowed are 0 to {LATEST:g} s")
@@ -117,14 +117,18 @@ def parse_injection(values: Mapping[str, float], when: Mapping[str, float], now:
     """
     for name, seconds in when.items():
         if name not in TIME_KEYS:
-            raise InputError(f"an injection has no {name[:_SHOWN]!r}; {suggest_closest(name[:_SHOWN], TIME_KEYS)}")
+            raise InputError(
+                f"an injection has no entry {name[:_SHOWN]!r}; {suggest_closest(name[:_SHOWN], TIME_KEYS)}"
+            )
         if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not abs(seconds) <= LATEST:
             raise InputError(
-                f"{name} of an injection is {str(seconds)[:_SHOWN]}; needed are seconds, at most {LATEST:g}"
+                f"{name} of an injection is {str(seconds)[:_SHOWN]}; it must be a time in s, at most {LATEST:g}"
             )
     for pair in (("at", "after"), ("until", "for")):
         if all(name in when for name in pair):
-            raise InputError(f"an injection was given {pair[0]!r} and {pair[1]!r}; allowed is one of them")
+            raise InputError(
+                f"{pair[0]!r} and {pair[1]!r} of an injection were both given; only one of them is allowed"
+            )
     at = when.get("at", now + when.get("after", 0.0))
     ramp = when.get("ramp", 0.0)
     return Injection(values, at, ramp, when.get("until", at + ramp + when.get("for", inf)))

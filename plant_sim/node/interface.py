@@ -296,7 +296,7 @@ class Interface(ABC):
             )
         if why is Refusal.LENGTH:
             (codec,) = (codec for codec in self._received if codec.can_id == can_id)
-            return f"frame {codec.name} (0x{can_id:03X}) came with {value} bytes; its definition has {codec.length}"
+            return f"frame {codec.name} (0x{can_id:03X}) was received with {value} bytes; its definition has {codec.length}"
         clutch = f" of clutch {self._names[k]}" if len(self._names) > 1 else ""
         if why is Refusal.RATE:
             return f"the controller{clutch} runs at {value} Hz, this plant at {self.rate} Hz: give both one rate"

@@ -197,7 +197,7 @@ class PlantNode(Interface):
             self.inject(injection)
         except InputError:
             raise InputError(
-                "the plant refuses this beside what it is already; being blind, it does not say why"
+                "the plant refuses this in its present state; a blind plant does not give the reason"
             ) from None
         return [change | {"old": None} for change in self._list_planned(injection, (injection.at,))]
 

@@ -26,7 +26,7 @@ COLUMNS = (
     Column(
         "actuators",
         "1",
-        "valve: 0 no command yet, 1 commanded, 2 stale; 3 lost, 4 late, 5 of two senders: closed until a command to close",
+        "valve: 0 no command yet, 1 commanded, 2 stale; 3 lost, 4 late, 5 from two senders: closed until a command to close",
     ),
     Column("truth_valve_pressure_bar", "bar", "pressure after the valve"),
     Column("truth_cylinder_pressure_bar", "bar", "pressure behind the piston"),

@@ -111,4 +111,4 @@ class PlantRig:
     def check_blind(self, blind: bool) -> None:
         """Raise InputError when a `blind` run is requested but not possible."""
         if blind and self.not_blind:
-            raise InputError(f"{self.not_blind}; leave --blind away")
+            raise InputError(f"{self.not_blind}; leave --blind out")

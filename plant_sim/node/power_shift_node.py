@@ -228,5 +228,5 @@ RIG = PlantRig(
     load_profile=load_shift_profile,
     list_active_effects=power_shift.list_active_effects,
     clutches=CLUTCHES,
-    not_blind="a run of two clutches cannot be blind: it is judged by the true output torque, which no sensor shows",
+    not_blind="a run of two clutches cannot be blind: its verdict needs the true output torque, which no sensor measures",
 )

@@ -28,7 +28,7 @@ _CLUTCH_COLUMNS = (  # {} is the clutch, a or b
     Column(
         "actuators_{}",
         "1",
-        "valve: 0 no command yet, 1 commanded, 2 stale; 3 lost, 4 late, 5 of two senders: closed until a command to close",
+        "valve: 0 no command yet, 1 commanded, 2 stale; 3 lost, 4 late, 5 from two senders: closed until a command to close",
     ),
     Column("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
     Column("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
@@ -36,7 +36,7 @@ _CLUTCH_COLUMNS = (  # {} is the clutch, a or b
     Column("truth_normal_force_{}_n", "N", "force on the plates"),
     Column("truth_friction_state_{}", "1", "m of eq. 6.9"),
     Column("truth_clutch_torque_{}_nm", "Nm", "torque that the clutch transmits, M"),
-    Column("truth_slip_speed_{}_rad_s", "rad/s", "input speed less ratio times output speed"),
+    Column("truth_slip_speed_{}_rad_s", "rad/s", "input speed minus ratio times output speed"),
     Column("truth_oil_temperature_{}_degc", "degC", "oil temperature, T"),
     Column("truth_heat_{}_j", "J", "friction heat since the start"),
 )

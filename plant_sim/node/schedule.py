@@ -92,7 +92,7 @@ class Schedule:
             earlier and now > 0.0 and len(self.planned) > _MOST_PLANNED
         ):  # before its first sample the plant has no time limit
             raise InputError(
-                f"the plant would have {len(self.planned)} changes to come; allowed are {_MOST_PLANNED} while it runs"
+                f"the plant would have {len(self.planned)} planned changes; allowed are {_MOST_PLANNED} while it runs"
             )
         self._segments: list[RampSegment | ConstantSegment] = self._build_segments(now, earlier, since)
 
@@ -172,8 +172,8 @@ class Schedule:
             > _MOST_LATER
         ):
             raise InputError(
-                f"the change would come before {count} injections that are planned, and a running plant prepares no more than"
-                f" {_MOST_LATER} anew; plan injections in order of their time"
+                f"the change would come before {count} planned injections, and a running plant can recompute no more than"
+                f" {_MOST_LATER}; plan injections in order of their time"
             )
 
     def _build_segments(

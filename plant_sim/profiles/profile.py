@@ -109,7 +109,7 @@ class Profile:
         if len(self.time) < 2:
             raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
         if len(set(lengths := [len(column) for column in self._columns])) > 1:
-            raise InputError(f"profile {self.name} has columns of {lengths} values; needed are as many of each")
+            raise InputError(f"profile {self.name} has columns of {lengths} values; all columns need the same number")
         for row, (time, torque, speed, pressure, lock) in enumerate(self._list_rows(), 1):
             if not 0.0 <= time <= LATEST_TIME or (row > 1 and time <= self.time[row - 2]):
                 raise InputError(
@@ -201,7 +201,7 @@ def find_profile(name: str, folder: Path, kind: str) -> Path:
     if os.path.isfile(path := folder / f"{name}.csv"):
         return path
     if os.path.isfile(name):
-        raise InputError(f"{kind} {name!r} has another suffix; a profile file ends with .csv")
+        raise InputError(f"{kind} {name!r} has the wrong suffix; a profile file ends with .csv")
     known = join_names(sorted(p.stem for p in folder.glob("*.csv")))
     raise InputError(f"{kind} {name!r} does not exist; known are {known}, or the path of a .csv file")
 
@@ -218,7 +218,7 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
         if len(set(header)) < len(header) or not set(needed) <= set(header) <= {*needed, *optional}:
             raise InputError(
                 f"{kind} {path} has the columns {', '.join(header) or '-'}; needed are {', '.join(needed)}"
-                f" and, if wanted, {', '.join(optional)}"
+                f", optional are {', '.join(optional)}"
             )
         table = [row for row in rows if row]
     except csv.Error as error:

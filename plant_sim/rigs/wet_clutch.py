@@ -82,7 +82,7 @@ def load_nominal(changed: Path | None = None) -> ParameterSet:
     """Return the nominal parameters (docs/rig.md, effects off), changed by a user's file if given. Raises InputError."""
     own = load_defaults(DEFAULTS)
     if taken := {name.partition(".")[0] for name in own} & set(catalogue()):
-        raise InputError(f"effect {min(taken)} has the name of a group of the rig's own parameters; give it another")
+        raise InputError(f"effect {min(taken)} has the name of a parameter group of the rig; rename the effect")
     declared = {
         name: parameter for effect in catalogue().values() for name, parameter in effect.declare_parameters().items()
     }
@@ -110,7 +110,7 @@ def list_values(parameters: ParameterSet) -> dict[str, float]:
     values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.list_si(group).items()}
     for name, parameter in parameters.items():
         if name.startswith("sensors.") and name.endswith("_bits") and parameter.value % 1.0:
-            raise InputError(f"parameter {name} = {parameter.value:g} bit is not whole; a converter has whole bits")
+            raise InputError(f"parameter {name} = {parameter.value:g} bit must be a whole number of bits")
     area = values["piston_area"]
     # docs/rig.md, eq. 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
     values["piston_preload"] = area * values["piston_preload_pressure"]

@@ -232,7 +232,7 @@ def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
             return Port(name, _LocalPort(LocalChannel(name.removeprefix("local:"))))
         if name not in _can_interfaces():
             known = join_names([*_can_interfaces(), "local:NAME", "auto"])
-            raise InputError(f"bus {name!r} does not exist; there are {known}")
+            raise InputError(f"bus {name!r} does not exist; available are {known}")
         if name not in _can_interfaces(only_up=True):
             raise InputError(f"bus {name} is down; bring it up with: ip link set {name} up")
         filters = [{"can_id": i, "can_mask": _FILTER_MASK} for i in only or ()] or None

@@ -279,7 +279,7 @@ class LocalChannel:
             except BlockingIOError as error:
                 connection.close()
                 raise can.CanInitializationError(
-                    f"participant {path.name} of local:{self.name} stands still: {_BACKLOG} newcomers wait for it"
+                    f"participant {path.name} of local:{self.name} does not respond: {_BACKLOG} new participants wait for it"
                 ) from error
             else:
                 self._join(path.name, connection)

@@ -56,7 +56,7 @@ def hold_lock(folder: Path) -> Iterator[None]:
             except BlockingIOError as error:
                 if time.monotonic() > deadline:
                     raise can.CanInitializationError(
-                        f"{folder / 'lock'} stayed locked for {_LOCK_PATIENCE_S:g} s: a process stopped while joining"
+                        f"{folder / 'lock'} was locked for {_LOCK_PATIENCE_S:g} s: a process stopped while joining"
                     ) from error
                 time.sleep(0.001)
         yield

@@ -50,7 +50,7 @@ def read_text(path: Path) -> str:
             return raw.decode(encoding)
         except UnicodeDecodeError:
             if encoding in marked:
-                raise InputError(f"DBC {path} begins as {encoding} and is not: save it as UTF-8") from None
+                raise InputError(f"DBC {path} begins like {encoding} but is not valid: save it as UTF-8") from None
     return raw.decode("cp1252", errors="replace")
 
 
@@ -118,19 +118,19 @@ def is_carried(message: Message, version: Version) -> bool:
 def _find_problems(database: Database, version: Version) -> Iterator[str]:
     messages = {message.name: message for message in database.messages}
     names = Counter(message.name for message in database.messages)
-    yield from (f"the frame {name} is there {count} times" for name, count in names.items() if count > 1)
+    yield from (f"the frame {name} occurs {count} times" for name, count in names.items() if count > 1)
     users: dict[tuple[int, bool], list[str]] = {}
     for message in database.messages:
         users.setdefault((message.frame_id, message.is_extended_frame), []).append(message.name)
     for (can_id, _), sharing in users.items():
         if len(sharing) > 1 and len(set(sharing)) > 1:
-            yield f"the frames {join_names(sharing)} have one identifier, 0x{can_id:03X}"
+            yield f"the frames {join_names(sharing)} have the same identifier, 0x{can_id:03X}"
     owners: dict[int, list[str]] = {}
     for message in database.messages:
         owners.setdefault(read_data_id(message), []).append(message.name)
     for number, sharing in owners.items():
         if number and len(set(sharing)) > 1:
-            yield f"the frames {join_names(sharing)} have one data ID, {number}"
+            yield f"the frames {join_names(sharing)} have the same data ID, {number}"
     for name, ranges in version.carried.items():
         if name not in messages:
             yield f"it lacks the frame {name}; it has {join_names(list(messages)[:20])}"
@@ -152,7 +152,7 @@ def _list_frame_problems(
     yield from _list_protection_problems(message, version)
     signals = {signal.name.upper(): signal for signal in message.signals}
     if len(signals) < len(message.signals):
-        yield "has two signals whose names differ in capitals only"
+        yield "has two signals whose names differ only in upper and lower case"
     known = {*ranges, *(name for name, _, _ in version.protection)}
     others = [name for name in signals if name not in known]
     for name, (low, high) in ranges.items():

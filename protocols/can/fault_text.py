@@ -27,13 +27,13 @@ class Reason(NamedTuple):
 
 
 REASONS: Mapping[str, Reason] = {
-    "stale sensors": Reason("no believable sample for {sample_age:g} cycles", "guard.stale_cycles", "cycles"),
+    "stale sensors": Reason("no plausible sample for {sample_age:g} cycles", "guard.stale_cycles", "cycles"),
     "overpressure": Reason("the cylinder pressure is too high", "guard.pressure", "bar"),
     "overtemperature": Reason("the oil is too hot", "guard.temperature", "degC"),
     "overspeed": Reason("the slip is too fast", "guard.slip_speed", "rad/s"),
     "fill timeout": Reason("the clutch was not filled in time", "phases.fill_timeout", "s"),
     "pressure lost": Reason(
-        "the pressure fell while the clutch was closed, or its signal stood still although its demand changed",
+        "the pressure fell while the clutch was closed, or its signal stayed constant although its demand changed",
         "phases.lost_pressure",
         "bar",
     ),
@@ -43,23 +43,25 @@ REASONS: Mapping[str, Reason] = {
         "Nm",
     ),
     "second sender": Reason("another sender uses identifiers of the plant, the supervisor or this controller", "", ""),
-    "wrong rate": Reason("heartbeats of a plant tell another rate", "", ""),
+    "wrong rate": Reason("the heartbeats of a plant have another rate", "", ""),
     "sensor implausible": Reason(
-        "a sensor shows what cannot be: oil too cold or jumping, a pressure below vacuum, or a motor torque at the end of its"
-        " range",
+        "a sensor shows an impossible value: oil too cold or jumping, a pressure below vacuum, or a motor torque at"
+        " the end of its range",
         "guard.temperature_step",
         "K",
     ),
     "sensor frozen": Reason(
-        "the pressure has not changed by a count although the valve command has", "guard.frozen_voltage", "V"
+        "the pressure signal did not change by a single count although the valve command did",
+        "guard.frozen_voltage",
+        "V",
     ),
 }
-_UNKNOWN = Reason("this version does not know it", "", "")  # sent by a controller of a newer version
+_UNKNOWN = Reason("this version does not know this fault", "", "")  # sent by a controller of a newer version
 # Reasons of "pressure lost": the first if the pressure is below the limit or still changes, the second otherwise. Undecided if
 # the limit is not known
 _FELL = Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar")
 _STOOD_STILL = Reason(
-    "the pressure signal stood still while the clutch was closed, although its demand changed",
+    "the pressure signal stayed constant while the clutch was closed, although its demand changed",
     "phases.frozen_dwell",
     "s",
 )

@@ -76,6 +76,6 @@ def _describe(where: str, names: Iterable[str]) -> str:
     """Return the message for frames `names` of a bench of another size."""
     here = f"{DATABASE}={DBC}" if DBC != SHIPPED else f"no {DATABASE}"
     return (
-        f"frames {join_names(names)} {where} are of a bench of another size, as their CRC fits other data IDs than the database"
-        f" here has; every process of a bench needs the same database, and this one has {here} (docs/real_rig.md)"
+        f"frames {join_names(names)} {where} come from a bench of another size, as their CRC fits other data IDs than the"
+        f" database here; every process of a bench needs the same database, and this one has {here} (docs/real_rig.md)"
     )

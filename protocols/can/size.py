@@ -99,7 +99,7 @@ def _read_size(path: Path) -> Size:
     if problems := list(_find_problems(shipped, own, size)):
         more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
         raise InputError(
-            f"DBC {path} is no database of a bench of another size; `clutch-hil frames --write` makes one, with {DATABASE}"
+            f"DBC {path} is not a database of a bench of another size; `clutch-hil frames --write` makes one, with {DATABASE}"
             f" unset: {'; '.join(problems[:_MOST_PROBLEMS])}{more}"
         )
     return size
@@ -116,7 +116,7 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
         ("pressure", pressure, PRESSURE, _LARGEST[2], "bar"),
     ):  # fmt: skip
         if not least <= value <= most:
-            smaller = f"; a rig with less runs with {least:g} {unit}" if 0.0 < value < least else ""
+            smaller = f"; for a smaller rig use {least:g} {unit}" if 0.0 < value < least else ""
             raise InputError(
                 f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}{smaller}"
             )
@@ -190,7 +190,7 @@ def _find_problems(shipped: dict[str, Message], own: dict[str, Message], size: S
             if (other := _find_signal(own, name, signal.name)) is None:
                 yield f"frame {name} lacks the signal {signal.name}"
             elif _describe_signal(signal) != _describe_signal(other):
-                yield f"{name}.{signal.name} is elsewhere, or has another sign or offset"
+                yield f"{name}.{signal.name} has another position, sign or offset"
             elif not isclose(
                 float(other.scale),
                 factor := float(signal.scale) * size.choose_ratio(name, signal.name),

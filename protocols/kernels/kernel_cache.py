@@ -75,10 +75,10 @@ def are_kept() -> bool:
 
 
 def describe_keeping() -> str:
-    """Return a message on whether compiled kernels are kept after the command."""
+    """Return a message on whether compiled kernels are stored after the command."""
     if not are_kept():
-        return f"compiled kernels cannot be kept here: set {VARIABLE} to a folder that can be written"
-    return "compiled kernels are kept"
+        return f"compiled kernels cannot be stored here: set {VARIABLE} to a writable folder"
+    return "compiled kernels are stored"
 
 
 def _find_user_cache() -> Path | None:

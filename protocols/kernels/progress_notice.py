@@ -64,7 +64,7 @@ class ProgressNotice:
             self._describe = before
 
     def _describe_work(self) -> str:
-        return f"at work for {time.monotonic() - self._began:.0f} s"
+        return f"working for {time.monotonic() - self._began:.0f} s"
 
     def _report(self) -> None:
         pause, last, printed = _QUIET_SECONDS, self._began, ""

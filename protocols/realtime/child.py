@@ -67,7 +67,7 @@ def await_end(process: "subprocess.Popen[bytes]", patience: float, what: str) ->
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-        raise InputError(f"the {what} did not end within {patience:g} s, and was killed") from None
+        raise InputError(f"the {what} did not end within {patience:g} s and was killed") from None
 
 
 def end_child(process: "subprocess.Popen[bytes]", patience: float) -> None:

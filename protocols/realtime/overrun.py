@@ -21,7 +21,7 @@ def catch_up(slots: int) -> int:
 
 def raise_fault(slots: int) -> int:
     """Raise OverrunError: a missed slot ends the run."""
-    raise OverrunError(f"{slots} slots were missed, and the policy for overruns is fault")
+    raise OverrunError(f"{slots} cycles were missed, and the overrun policy is fault")
 
 
 POLICIES: dict[str, Callable[[int], int]] = {"skip": skip, "catch-up": catch_up, "fault": raise_fault}

@@ -99,34 +99,34 @@ def _raise_if_failed(result: int) -> None:
 
 MEASURES = (  # priority last: the others take a quarter of a second, in which no other process would get the CPU
     Measure(
-        "memory locked", "no page is fetched from disk in the loop", _lock_memory,
-        "memory is not locked: the right to mlockall is missing (root, or LimitMEMLOCK=infinity)",
+        "memory locked", "the loop never waits for a page from disk", _lock_memory,
+        "memory is not locked: the permission for mlockall is missing (root, or LimitMEMLOCK=infinity)",
         "echo '* - memlock unlimited' | sudo tee /etc/security/limits.d/memlock.conf, and log in again",
     ),
     Measure(
-        "memory touched beforehand", "no first use of a page in the loop", _touch_memory,
+        "memory touched beforehand", "no page is used for the first time in the loop", _touch_memory,
         "memory is not touched beforehand: this C library has no mallopt", "use glibc",
     ),
     Measure(
-        "timer slack 1 ns", "the kernel does not gather wake-ups; with real-time priority it does not anyway", _set_timer_slack,
-        "timer slack is left at 50 us: this kernel refuses PR_SET_TIMERSLACK", "real-time priority has none anyway",
+        "timer slack 1 ns", "the kernel does not group wake-ups; with real-time priority it never does", _set_timer_slack,
+        "timer slack is left at 50 us: this kernel refuses PR_SET_TIMERSLACK", "real-time priority has no timer slack",
     ),
     Measure(
         "CPU kept awake", "no deep sleep of the processor between cycles", _stay_awake,
         f"the CPU may sleep deeply: {_DMA_LATENCY} is missing or not writable", f"sudo chmod o+w {_DMA_LATENCY}",
     ),
     Measure(
-        "garbage collector off", "what is there is never looked through: the loop makes no cycles of references",
+        "garbage collector off", "no collection interrupts the loop, which creates no reference cycles",
         _disable_collector,
         "the garbage collector is on", "use CPython",
     ),
     Measure(
-        "bound to a CPU", "its caches stay warm, and who disturbs it can be kept elsewhere", _bind,
-        "not bound to a CPU: there is none of that number or the right is missing", "choose --cpu from those of `nproc --all`",
+        "bound to a CPU", "its caches stay warm, and other processes can be kept on other CPUs", _bind,
+        "not bound to a CPU: this CPU does not exist or the permission is missing", "choose --cpu from those of `nproc --all`",
     ),
     Measure(
-        "real-time priority", "the loop goes before all ordinary work", _set_priority,
-        "no real-time priority: the right to SCHED_FIFO is missing (root, or LimitRTPRIO)",
+        "real-time priority", "the loop runs before all normal processes", _set_priority,
+        "no real-time priority: the permission for SCHED_FIFO is missing (root, or LimitRTPRIO)",
         "echo '* - rtprio 95' | sudo tee /etc/security/limits.d/rt.conf, and log in again",
     ),
 )  # fmt: skip
@@ -136,7 +136,7 @@ def check_cpu(cpu: int | None) -> int | None:
     """Return `cpu` if this machine has it. Raises InputError. `prepare` checks whether the process may run there."""
     count = os.cpu_count() or 1
     if cpu is not None and not 0 <= cpu < count:
-        raise InputError(f"CPU {cpu} is not there; allowed are 0 to {count - 1}")
+        raise InputError(f"CPU {cpu} does not exist; allowed are 0 to {count - 1}")
     return cpu
 
 

@@ -88,14 +88,14 @@ class BatchEncoder:
 def decode(payload: bytes, node: str) -> Batch:
     """Return the batch of `node` in an Arrow IPC stream. Raises InputError for other data and for impossible values."""
     if len(payload) > _MOST_BYTES:
-        raise InputError(f"telemetry came with {len(payload)} bytes; allowed are {_MOST_BYTES}")
+        raise InputError(f"a telemetry message has {len(payload)} bytes; allowed are {_MOST_BYTES}")
     try:
         batch = _decode(payload)
     except InputError:
         raise
     except Exception as error:  # pyarrow raises many exception types
         reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
-        raise InputError(f"telemetry came that is none, or of another version: {reason}") from None
+        raise InputError(f"a telemetry message is invalid or of another version: {reason}") from None
     _check(batch, node)
     return batch
 
@@ -105,7 +105,7 @@ def _decode(payload: bytes) -> Batch:
         schema, record = reader.schema, reader.read_next_batch()
     record.validate(full=True)
     if any(field.type != pa.float64() for field in schema) or any(column.null_count for column in record.columns):
-        raise InputError("telemetry came with columns that are no 64-bit floats")
+        raise InputError("a telemetry message has columns that are not 64-bit floats")
     meta = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
     columns = tuple(Column(f.name, (f.metadata or {}).get(b"unit", b"").decode(), "") for f in schema)
     rows = np.column_stack([np.from_dlpack(column) for column in record.columns])
@@ -118,7 +118,7 @@ def _decode(payload: bytes) -> Batch:
 def _check(batch: Batch, node: str) -> None:
     """Raise InputError where a batch that came for `node` cannot be true."""
     if batch.node != node:
-        raise InputError(f"telemetry of the {batch.node[:_LONGEST_REASON]} came under the name of the {node}")
+        raise InputError(f"telemetry of the {batch.node[:_LONGEST_REASON]} was sent under the name of the {node}")
     names = [column.name for column in batch.columns]
     needed = _NEEDED_OF_PLANT if node == "plant" else tuple(f"{node}_{name}" for name in _NEEDED_OF_CONTROLLER)
     if lacking := [name for name in needed if name not in names]:
@@ -134,4 +134,4 @@ def _check(batch: Batch, node: str) -> None:
             raise InputError(f"telemetry of the {node} has the {what} {str(number)[:30]}; allowed are 0 to {most:g}")
     clock = batch[f"{node}_clock_s"]
     if not (np.isfinite(clock).all() and (np.diff(clock) >= 0.0).all()):
-        raise InputError(f"the clock in telemetry of the {node} is no number, or goes back")
+        raise InputError(f"the clock in telemetry of the {node} is not a number, or goes back")

@@ -156,7 +156,7 @@ class Feed:
         Raises InputError for a batch that the service did not send.
         """
         if batch.node not in ALL_NODES:
-            raise InputError(f"it is of a node {batch.node}; a bench has {', '.join(ALL_NODES)}")
+            raise InputError(f"its node is {batch.node}; the nodes of a bench are {', '.join(ALL_NODES)}")
         session, row = self._position.get(batch.node, (None, 0))
         parts = [batch]
         if session != batch.session:
@@ -169,7 +169,7 @@ class Feed:
             self._note_events(ask(self._session, keys.events, check_events, attempts=3) or [])
             self._note_requests(ask(self._session, keys.requests, check_requests, attempts=3) or [])
         elif batch.columns != self._columns[batch.node]:
-            raise InputError(f"its columns are not those that the {batch.node} has sent before")
+            raise InputError(f"its columns differ from those that the {batch.node} sent before")
         elif batch.first_row > row:
             self._check_numbers(batch)
             if batch.first_row - row <= self._refill * batch.rate:
@@ -271,9 +271,9 @@ def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
     if len(matches) == 1:
         return matches[0]
     if matches:
-        raise InputError(f"there are {len(matches)} benches: {join_names(matches)}; choose one with --bus")
+        raise InputError(f"{len(matches)} benches run: {join_names(matches)}; choose one with --bus")
     where = f" on {bus}" if bus else ""
-    others = f"; there are {join_names(there)}" if there else ""
+    others = f"; running are {join_names(there)}" if there else ""
     raise NoBenchError(
         f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up, or name"
         " the network of one elsewhere with --network"

@@ -54,14 +54,14 @@ def read_lab(network: str | None) -> Lab | None:
     except OSError as error:
         raise InputError(f"file {path} cannot be read: {error.strerror}") from None
     if len(text) > _MOST_BYTES:
-        raise InputError(f"file {path} has more than {_MOST_BYTES} bytes; `clutch-hil secure` writes less")
+        raise InputError(f"file {path} has more than {_MOST_BYTES} bytes; files of `clutch-hil secure` are smaller")
     try:
         settings = json.loads(text)
         about = settings["metadata"]
         lab = Lab(path, about["role"], check_name(about["name"]), datetime.fromisoformat(about["expires"]), settings)
         remaining = lab.expires - datetime.now(UTC)
     except (ValueError, LookupError, TypeError, RecursionError):
-        raise InputError(f"file {path} is not one that `clutch-hil secure` writes") from None
+        raise InputError(f"file {path} was not written by `clutch-hil secure`") from None
     if lab.role not in ROLES:
         raise InputError(f"file {path} is for the role {str(lab.role)[:60]!r}; allowed are {', '.join(ROLES)}")
     if remaining.total_seconds() <= 0.0:
@@ -92,7 +92,7 @@ def find_asker_name(network: str | None) -> str:
     if lab := read_lab(network):
         if lab.role != OPERATOR:
             raise InputError(
-                f"{lab.path} is for the role {lab.role}, which changes nothing; allowed is operator{SUFFIX}"
+                f"{lab.path} is for the role {lab.role}, which may not change anything; allowed is operator{SUFFIX}"
             )
         return lab.name
     try:

@@ -40,7 +40,7 @@ def parse_message(payload: bytes) -> Any:
     try:
         return json.loads(payload)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"a message is no JSON: {str(error)[:_SHOWN]}") from None
+        raise InputError(f"a message is not JSON: {str(error)[:_SHOWN]}") from None
 
 
 def check_description(value: Any) -> dict[str, Any]:

@@ -138,6 +138,6 @@ class Outlet:
                     process.kill()
                     log.seek(0)
                     lines = log.read().strip().splitlines() or [f"it did not start within {_START_TIMEOUT:g} s"]
-                    raise InputError(f"telemetry: {lines[-1].removeprefix('error: ')}; --no-telemetry goes without")
+                    raise InputError(f"telemetry: {lines[-1].removeprefix('error: ')}; --no-telemetry runs without it")
                 time.sleep(_POLL_PERIOD)
         return process

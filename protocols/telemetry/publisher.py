@@ -196,7 +196,7 @@ class Publisher:
 
     def _answer_parameters(self, query: zenoh.Query) -> None:
         if query.payload is not None:
-            raise InputError("parameters are changed by the key change/NAME, with the name of who asks")
+            raise InputError("parameters are changed with the key change/NAME, which contains the name of the sender")
         now = self._pending.compute_values(self._next / self._rate)
         entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
         query.reply(query.key_expr, json.dumps(entries))
@@ -233,7 +233,9 @@ class Publisher:
         """Queue a request to the loop. Raises InputError if too many wait."""
         if len(self._waiting) >= _MOST_WAITING:
             rate = 1.0 / _CHANGE_PERIOD
-            raise InputError(f"{_MOST_WAITING} changes wait already, and {rate:g} a second are made; ask again later")
+            raise InputError(
+                f"{_MOST_WAITING} changes are already waiting, and {rate:g} per second are made; try again later"
+            )
         self._waiting.append((query, request))
 
     def _forward_request(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -242,7 +244,7 @@ class Publisher:
         try:
             answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER_TIMEOUT + _ANSWER_MARGIN))
         except InputError as error:
-            raise InputError(f"{self._node}: {error} Nothing is changed, now or later") from None
+            raise InputError(f"{self._node}: {error} Nothing was changed") from None
         if "refused" in answer:
             raise InputError(answer["refused"])
         if (planned := answer.pop("planned", None)) is not None:  # else as before

@@ -88,14 +88,16 @@ def _open_lab_publisher(lab: Lab) -> zenoh.Session:
             return zenoh.open(_make_config({"listen/endpoints": [endpoint]}, lab))
         except zenoh.ZError:
             continue  # another service listens there
-    raise InputError(f"{lab.path}: none of {endpoints[0]} to {endpoints[-1]} is free for telemetry, or this machine's")
+    raise InputError(
+        f"{lab.path}: none of {endpoints[0]} to {endpoints[-1]} is a free address of this machine for telemetry"
+    )
 
 
 def _make_config(settings: Mapping[str, object], lab: Lab | None = None) -> zenoh.Config:
     try:
         config = zenoh.Config.from_json5(json.dumps(lab.settings)) if lab else zenoh.Config()
     except zenoh.ZError:
-        raise InputError(f"file {lab.path if lab else ''} is no zenoh configuration; make it anew") from None
+        raise InputError(f"file {lab.path if lab else ''} is not a zenoh configuration; make it again") from None
     for key, value in {**settings, **_COMMON}.items():
         config.insert_json5(key, json.dumps(value))
     return config

@@ -129,7 +129,7 @@ class Tuning:
         try:
             request = json.loads(self._mailbox.request())
             if time.monotonic() > request["until"]:  # the caller has timed out and assumes that nothing changes
-                raise InputError("the change came too late")
+                raise InputError("the change arrived too late")
             if "demand" in request:
                 answer = {}
             elif "when" in request:
@@ -175,6 +175,6 @@ class Tuning:
     def _plan_change(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
         if not self._injectable:
             raise InputError(
-                "only the plant takes a change for a time to come or along a ramp; allowed here is a change at once"
+                "only the plant accepts a change for a later time or along a ramp; allowed here is an immediate change"
             )
         return self._injectable.accept(values, when)

@@ -62,4 +62,4 @@ def check_limits(limits: Mapping[str, Limit]) -> None:
     if not (key := names["data_key"].value).is_integer():
         raise InputError(f"the guard's limit guard.data_key has {key:g}; allowed is the whole number of the database")
     if more := sorted(set(names) - set(ALLOWED)):
-        raise InputError(f"the guard has no use for a limit guard.{more[0]}; it knows {', '.join(ALLOWED)}")
+        raise InputError(f"the guard does not know the limit guard.{more[0]}; it knows {', '.join(ALLOWED)}")

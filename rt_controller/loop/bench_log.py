@@ -68,7 +68,7 @@ class Log:
         carries = mark_bench_frames(whole, VERSION_2) | mark_bench_frames(whole, VERSION_1)
         if not carries.any():
             check_size(whole)
-        log = whole.select_channel(channel, carries, "frames of the bench", "give one by --channel")
+        log = whole.select_channel(channel, carries, "frames of the bench", "choose one with --channel")
         self.version = VERSION_1 if version_1.find_old_channels(log) else VERSION_2
         self.setpoint: FrameCodec | None = None
         if self.version is VERSION_1:
@@ -86,7 +86,7 @@ class Log:
         self.samples = Samples(log, rows, ends)
         if self.ignored:
             counts = ", ".join(f"{count} {name}" for name, count in self.ignored.items())
-            self.notes.append(f"ignored frames on identifiers of the bench, as on a bus: {counts}")
+            self.notes.append(f"ignored frames with identifiers of the bench, as on a bus: {counts}")
 
     def _sort(self, log: BusLog, codecs: dict[str, FrameCodec]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of the frames that the controller gets, and the end of each sample among them."""
@@ -106,8 +106,8 @@ class Log:
             if codec is None:
                 if can_id == second.can_id and not flags and second.is_valid(data):
                     raise InputError(
-                        f"log {log.path} is of a run of two clutches, whose controllers hear each other; what can be replayed"
-                        " is a log of one clutch"
+                        f"log {log.path} is of a run of two clutches, whose controllers receive each other's frames; only"
+                        " a log of one clutch can be replayed"
                     )
                 continue
             if flags:
@@ -115,7 +115,7 @@ class Log:
                 continue
             if ended and codec is encoder:
                 self.notes.append(
-                    f"left out what follows the end of the plant, {stamp - (first or stamp):.3f} s after the start"
+                    f"left out the frames after the end of the plant, {stamp - (first or stamp):.3f} s after the start"
                 )
                 break
             if ended:

@@ -20,18 +20,18 @@ def _names(states: type[Phase] | type[Fault] | type[Request] | type[Supervision]
 
 COLUMNS = (
     Column("sample_tick", "1", "number of the sample answered, unwrapped; -1 before the first"),
-    Column("sample_age", "cycles", "cycles since the last believable sample"),
+    Column("sample_age", "cycles", "cycles since the last plausible sample"),
     Column("phase", "1", f"phase of the controller: {_names(Phase)}"),
-    Column("fault", "1", f"why the phase is fault: {_names(Fault)}"),
-    Column("request", "1", f"what the supervisor asks for: {_names(Request)}"),
+    Column("fault", "1", f"reason of the phase fault: {_names(Fault)}"),
+    Column("request", "1", f"request of the supervisor: {_names(Request)}"),
     Column("supervisor", "1", f"whether a supervisor has claimed the set-points: {_names(Supervision)}"),
     *TERMS,
-    Column("frames_lost", "1", "frames that are missing by their counters, total"),
-    Column("frames_repeated", "1", "frames that came again and were not used, total"),
-    Column("frames_out_of_sequence", "1", "frames older than one before, or after too long a gap, not used, total"),
+    Column("frames_lost", "1", "frames that are missing according to their counters, total"),
+    Column("frames_repeated", "1", "repeated frames, not used, total"),
+    Column("frames_out_of_sequence", "1", "frames older than a previous one, or after too long a gap, not used, total"),
     Column("frames_corrupt", "1", "frames of wrong length, CRC or data ID, not used, total"),
-    Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
-    Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
+    Column("commands_lowered", "1", "commands that the guard has limited, total"),
+    Column("commands_replaced", "1", "commands that the guard has replaced by the safe one, total"),
 )
 RECORD = make_record_type(COLUMNS)
 

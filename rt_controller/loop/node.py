@@ -128,7 +128,7 @@ def _check_speeds(limits: ParameterSet, motor: FrameCodec) -> None:
         where = f" of {own}" if (own := os.environ.get(OWN_LIMITS)) else ""
         raise InputError(
             f"the guard's limit guard.slip_speed{where} has {slip.value:g} rad/s; allowed is up to {most:g} rad/s, which the"
-            " frames of this bench carry; `clutch-hil frames --speed` makes frames that carry more"
+            " frames of this bench carry; `clutch-hil frames --speed` makes frames for higher speeds"
         )
 
 
@@ -388,11 +388,11 @@ class ControllerNode:
             return f"a second controller is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
         if why is Refusal.LENGTH:
             codec = self._codecs[can_id]
-            return f"frame {codec.name} (0x{can_id:03X}) came with {value:g} bytes; its definition has {codec.length}"
+            return f"frame {codec.name} (0x{can_id:03X}) was received with {value:g} bytes; its definition has {codec.length}"
         if why is Refusal.RATE:
             return f"the plant runs at {value:g} Hz, this controller at {self.rate} Hz: give both one rate"
         if why is Refusal.SUPERVISOR:
-            return f"the claim of supervisor {int(value):04x} was refused: another one had the clutch"
+            return f"the claim of supervisor {int(value):04x} was refused: another supervisor had the clutch"
         if why is Refusal.REQUEST:
             known = ", ".join(f"{request.value} {request.name.lower()}" for request in Request)
             return f"request {value:g} is unknown; allowed are {known}"

@@ -106,7 +106,7 @@ def _await_heartbeat(port: Port, heartbeat_id: int, process: Any) -> None:
         if port.wait(0.1) and any(frame.can_id == heartbeat_id for frame in port.receive()):
             return
         if process.poll() is not None or time.monotonic() > end:
-            raise InputError(f"no controller came up on {port.name}")
+            raise InputError(f"no controller started on {port.name}")
 
 
 def _add_answer(answers: Answers, log: Log, index: int, frames: list[Frame]) -> None:

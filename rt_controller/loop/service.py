@@ -122,7 +122,7 @@ class ControllerService:
             for text in missing:
                 ready(f"note: {text}")
             if self.clutch and self.adaptation:
-                ready("note: of two clutches none adapts: the motor's torque is that of both")
+                ready("note: no adaptation with two clutches: the motor's torque belongs to both")
             overrun, footprint = None, None
             try:
                 self._await_plant(node, samples, outlet, stop, notifier)

@@ -229,7 +229,7 @@ def test_a_plant_tells_planned_and_begun_faults_and_refuses_wrong_ones(node: typ
         plant.inject(inject("frame_loss", at=1.0, commands=2.0))
     with pytest.raises(InputError, match=r"too late: the rig is at 0\.006 s"):
         plant.inject(inject("frame_loss", at=0.001, commands=1.0))
-    with pytest.raises(InputError, match="allowed are 256 in a run"):
+    with pytest.raises(InputError, match="allowed are 256 in one run"):
         plant.inject(*(inject("frame_loss", at=1.0 + k, until=1.5 + k, commands=1.0) for k in range(200)))
     assert not plant.planned_changes
     plant.lockstep = True

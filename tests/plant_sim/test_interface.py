@@ -142,8 +142,8 @@ def test_before_a_run_one_heartbeat_of_another_rate_is_enough() -> None:
 @pytest.mark.parametrize(
     ("frame", "sentence"),
     [
-        (Frame(VALVE.can_id, bytes(5)), "frame VALVE_COMMAND (0x080) came with 5 bytes; its definition has 8"),
-        (Frame(MOTOR.can_id, bytes(6)), "frame MOTOR_COMMAND (0x090) came with 6 bytes; its definition has 8"),
+        (Frame(VALVE.can_id, bytes(5)), "frame VALVE_COMMAND (0x080) was received with 5 bytes; its definition has 8"),
+        (Frame(MOTOR.can_id, bytes(6)), "frame MOTOR_COMMAND (0x090) was received with 6 bytes; its definition has 8"),
         (
             Frame(BEAT.can_id, BEAT.pack(0, lifecycle=5, rate=1000, session=1)),
             "lifecycle 5 of the controller is unknown; allowed are 0 to 3",

@@ -84,7 +84,7 @@ SENTENCES = [  # why, identifier, value, clutch of two; the sentence with two cl
     (Refusal.SECOND_PLANT, 0x101, 0, 0, "a second plant is on the bus: it sends ENCODER (0x101)", ""),
     (Refusal.RATE, 0x700, 250, 1, "the controller of clutch b runs at 250 Hz, this plant at 500 Hz: give both one rate",
      " of clutch b"),
-    (Refusal.LENGTH, 0x080, 5, 0, "frame VALVE_COMMAND (0x080) came with 5 bytes; its definition has 8", ""),
+    (Refusal.LENGTH, 0x080, 5, 0, "frame VALVE_COMMAND (0x080) was received with 5 bytes; its definition has 8", ""),
     (Refusal.LIFECYCLE, 0x700, 7, 0, "lifecycle 7 of the controller of clutch a is unknown; allowed are 0 to 3",
      " of clutch a"),
     (Refusal.AGE, 0x090, 12, 0, "frame MOTOR_COMMAND (0x090) answers a sample of 12 ticks ago; allowed are 5", ""),

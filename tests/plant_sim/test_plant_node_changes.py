@@ -218,5 +218,5 @@ def test_a_blind_plant_hides_why_it_alone_refuses(plant_node: ModuleType) -> Non
     node = NodeBench(plant_node, parameters=LEAKING, blind=True).node
     with pytest.raises(InputError) as sentence:
         node.accept({LEVEL: 0.5}, {})
-    assert str(sentence.value) == "the plant refuses this beside what it is already; being blind, it does not say why"
+    assert str(sentence.value) == "the plant refuses this in its present state; a blind plant does not give the reason"
     assert node.planned_changes == []

@@ -92,9 +92,7 @@ def test_a_shift_profile_locks_each_clutch_by_itself(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="profile lock of clutch b, row 2: lock is 2; allowed are 0 and 1"):
         load_shift_profile(str(path))
     path.write_text(f"{head},lock\n0,0,0,20,0\n1,5,0,20,1\n")
-    with pytest.raises(
-        InputError, match="and, if wanted, pressure_demand_a_bar, pressure_demand_b_bar, lock_a, lock_b"
-    ):
+    with pytest.raises(InputError, match=", optional are pressure_demand_a_bar, pressure_demand_b_bar, lock_a, lock_b"):
         load_shift_profile(str(path))
 
 
@@ -127,7 +125,7 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
         (
             "time_s,torque_demand_nm,motor_speed_demand_rad_s,lock,lock\n0,0,10,0,1\n1,0,10,0,0\n",
             "has the columns time_s, torque_demand_nm, motor_speed_demand_rad_s, lock, lock; needed are time_s,"
-            " torque_demand_nm, motor_speed_demand_rad_s and, if wanted, pressure_demand_bar, lock",
+            " torque_demand_nm, motor_speed_demand_rad_s, optional are pressure_demand_bar, lock",
         ),
         (HEADER + "0,0,10\n1,0,10,3\n", "row 1 has 3 cells; needed are 4"),
         (HEADER + "0,0,10,high\n1,0,10,3\n", "row 1: pressure_demand_bar is 'high'; a number is needed"),
@@ -141,7 +139,7 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
         (
             "time_s,pressure_demand_bar\n0,0\n1,3\n",
             "has the columns time_s, pressure_demand_bar; needed are time_s, torque_demand_nm, motor_speed_demand_rad_s"
-            " and, if wanted, pressure_demand_bar, lock",
+            ", optional are pressure_demand_bar, lock",
         ),
     ],
 )
@@ -156,7 +154,7 @@ def test_a_bad_profile_is_told_in_one_sentence(tmp_path: Path, text: str, messag
 
 def test_columns_of_different_lengths_are_told() -> None:
     with pytest.raises(
-        InputError, match=r"profile one has columns of \[2, 1, 2, 2, 2\] values; needed are as many of each"
+        InputError, match=r"profile one has columns of \[2, 1, 2, 2, 2\] values; all columns need the same number"
     ):
         Profile("one", (0.0, 1.0), (1.0,), (10.0, 10.0))
 

@@ -89,7 +89,7 @@ def test_the_policy_is_the_clocks(policy: str, skipped: int) -> None:
 def test_a_fault_is_raised() -> None:
     beat = start_beat(LONG, overrun=find_overrun_policy("fault"))
     beat.clock.start(time.monotonic_ns() - 2 * LONG)
-    with pytest.raises(OverrunError, match="2 slots were missed"):
+    with pytest.raises(OverrunError, match="2 cycles were missed"):
         wait_for_slot(beat)
 
 

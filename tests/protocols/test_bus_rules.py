@@ -387,7 +387,7 @@ def test_a_bus_that_is_unknown_or_down_is_told(bus: ModuleType) -> None:
             with pytest.raises(InputError) as sentence:
                 bus.open_bus(name)
             known = "auto, can0, can1, local:NAME, vcan0"
-            assert str(sentence.value) == f"bus {name!r} does not exist; there are {known}"
+            assert str(sentence.value) == f"bus {name!r} does not exist; available are {known}"
         with pytest.raises(InputError) as sentence:
             bus.open_bus("can1")
         assert str(sentence.value) == "bus can1 is down; bring it up with: ip link set can1 up"

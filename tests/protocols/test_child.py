@@ -37,7 +37,7 @@ def test_a_child_whose_parent_died_before_it_could_ask_for_the_signal_ends(monke
 
 def test_a_child_that_does_not_end_by_itself_is_killed_and_told() -> None:
     process = child.spawn(FOREVER)
-    with pytest.raises(InputError, match=r"^the sleeper did not end within 0\.05 s, and was killed$"):
+    with pytest.raises(InputError, match=r"^the sleeper did not end within 0\.05 s and was killed$"):
         child.await_end(process, 0.05, "sleeper")
     assert process.returncode == -signal.SIGKILL
     child.await_end(child.spawn([sys.executable, "-c", ""]), 10.0, "one that ends")

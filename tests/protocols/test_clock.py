@@ -188,7 +188,7 @@ def test_an_overrun_can_be_a_fault(hands: Hands) -> None:
     hands.now += 1_900_000
     clock.wait()  # late, but in its slot
     hands.now += 3_500_000
-    with pytest.raises(OverrunError, match=r"^3 slots were missed, and the policy for overruns is fault$"):
+    with pytest.raises(OverrunError, match=r"^3 cycles were missed, and the overrun policy is fault$"):
         clock.wait()
 
 

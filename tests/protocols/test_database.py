@@ -49,14 +49,17 @@ UNUSABLE = {
         TEXT.replace('"degC"', '"K"'),
         "frame ANALOG_SENSORS: signal OIL_TEMPERATURE is in 'K'; the bench needs degC",
     ),
-    "one identifier twice": (move_signal(257, 256), "the frames ANALOG_SENSORS, ENCODER have one identifier, 0x100"),
+    "one identifier twice": (
+        move_signal(257, 256),
+        "the frames ANALOG_SENSORS, ENCODER have the same identifier, 0x100",
+    ),
     "the identifier of a foreign message": (
         TEXT + MUXED.replace("1500", "256"),
-        "the frames ANALOG_SENSORS, LOGGER_PAGE have one identifier, 0x100",
+        "the frames ANALOG_SENSORS, LOGGER_PAGE have the same identifier, 0x100",
     ),
     "a frame twice": (
         TEXT + '\nBO_ 1501 ENCODER: 8 PLANT\n SG_ X : 0|8@1+ (1,0) [0|0] "" PLANT\n',
-        "the frame ENCODER is there 2 times",
+        "the frame ENCODER occurs 2 times",
     ),
     "factor 0": (
         change_text("(0.0048828125,0)", "(0,0)"),
@@ -96,7 +99,7 @@ UNUSABLE = {
         ),
         "frame TORQUE_SETPOINT: signal REQUEST is multiplexed",
     ),
-    "UTF-16 cut in a character": (TEXT, "begins as utf-16 and is not: save it as UTF-8"),
+    "UTF-16 cut in a character": (TEXT, "begins like utf-16 but is not valid: save it as UTF-8"),
 }
 
 
@@ -171,7 +174,7 @@ def test_a_load_without_cycle_times_is_unknown(tmp_path: Path) -> None:
     done = run_frames(path)
     assert done.returncode == 1
     assert "verdict: load unknown: 10 of 10 frames have no cycle time" in done.stdout
-    assert "% of the wire" not in done.stdout
+    assert "% bus load" not in done.stdout
     sentence = json.loads(run_frames(path, "--json").stdout)
     assert sentence["load"] is None
     assert sentence["fits"] == []

@@ -18,7 +18,7 @@ FOLDER = needs.FIELD_CASES / "dbc"
 _OLD = "frame CONTROLLER_STATUS lacks the signal STICKING"
 _STICKING = ' SG_ STICKING : 15|1@1+ (1,0) [0|1] ""  SUPERVISOR\n'
 WRONG = {
-    "dup_id": "the frames ANALOG_SENSORS, ENCODER have one identifier, 0x100",
+    "dup_id": "the frames ANALOG_SENSORS, ENCODER have the same identifier, 0x100",
     "scale_zero": "frame ANALOG_SENSORS: signal CYLINDER_PRESSURE has the factor 0 and offset 0",
     "extended": "frame ANALOG_SENSORS has an extended identifier, 0x00000100",
     "missing_signal": "frame ANALOG_SENSORS lacks the signal CLUTCH_TORQUE",

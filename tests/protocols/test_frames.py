@@ -272,7 +272,7 @@ MALFORMED = {
     ),
     "one data ID twice": (
         TEXT.replace('BA_ "E2EDataId" BO_ 256 49408;', 'BA_ "E2EDataId" BO_ 256 49280;'),
-        "the frames ANALOG_SENSORS, VALVE_COMMAND have one data ID, 49280",
+        "the frames ANALOG_SENSORS, VALVE_COMMAND have the same data ID, 49280",
     ),
     "big-endian signal": (
         TEXT.replace("VALVE_VOLTAGE : 32|16@1+", "VALVE_VOLTAGE : 39|16@0+"),

@@ -52,7 +52,7 @@ def test_a_name_with_a_null_character_is_refused() -> None:
 def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
     odd = tmp_path / os.fsdecode(b"b\xffad")
     odd.write_text("text")
-    with pytest.raises(InputError, match="has a name that is no text in UTF-8; rename it"):
+    with pytest.raises(InputError, match="has a name that is not UTF-8 text; rename it"):
         read_text(odd, "thing")
 
 
@@ -68,7 +68,7 @@ def test_a_large_file_is_not_read(tmp_path: Path, read: Callable[[Path, str], An
 @pytest.mark.parametrize("read", [read_json, read_text, read_toml])
 def test_what_is_no_utf8_is_refused(tmp_path: Path, read: Callable[[Path, str], Any], content: bytes) -> None:
     (tmp_path / "x").write_bytes(content)
-    with pytest.raises(InputError, match="no text in UTF-8"):
+    with pytest.raises(InputError, match="not UTF-8 text"):
         read(tmp_path / "x", "thing")
 
 

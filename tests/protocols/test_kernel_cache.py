@@ -120,7 +120,7 @@ def closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], 
 def test_kernels_are_beside_their_sources(package: Path, closed: Callable[[Path], None]) -> None:
     place_cache(package)
     assert VARIABLE not in os.environ
-    assert describe_keeping() == "compiled kernels are kept"
+    assert describe_keeping() == "compiled kernels are stored"
 
 
 def test_kernels_of_sources_that_cannot_be_written_are_at_home(
@@ -130,7 +130,7 @@ def test_kernels_of_sources_that_cannot_be_written_are_at_home(
     place_cache(package)
     placed = Path(os.environ[VARIABLE])
     assert placed.parent == tmp_path / "home" / ".cache" / "clutch-hil"
-    assert describe_keeping() == "compiled kernels are kept"
+    assert describe_keeping() == "compiled kernels are stored"
     place_cache(package)  # of the other side, or in a child
     assert os.environ[VARIABLE] == str(placed)
 
@@ -159,10 +159,7 @@ def test_where_nothing_can_be_written_kernels_last_as_long_as_the_command(
     (tmp_path / "home").mkdir()
     place_cache(package)
     assert Path(os.environ[VARIABLE]).is_relative_to(tmp_path)
-    assert (
-        describe_keeping()
-        == "compiled kernels cannot be kept here: set NUMBA_CACHE_DIR to a folder that can be written"
-    )
+    assert describe_keeping() == "compiled kernels cannot be stored here: set NUMBA_CACHE_DIR to a writable folder"
 
 
 def test_a_place_that_was_given_and_is_none_is_replaced_by_a_temporary_one(
@@ -171,7 +168,7 @@ def test_a_place_that_was_given_and_is_none_is_replaced_by_a_temporary_one(
     (tmp_path / "file").touch()
     monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "kernels"))
     place_cache(package)
-    assert describe_keeping().startswith("compiled kernels cannot be kept here: set NUMBA_CACHE_DIR")
+    assert describe_keeping().startswith("compiled kernels cannot be stored here: set NUMBA_CACHE_DIR")
 
 
 def test_without_any_folder_an_import_goes_on(

@@ -38,7 +38,7 @@ def test_frames_of_another_size_are_told_with_what_to_do(benches: dict[str, dict
             with pytest.raises(InputError) as refused:
                 SizeWatch(own.values(), "on local:x").hear(make_frames(codecs))
             assert str(refused.value).startswith(
-                "frames ANALOG_SENSORS, ENCODER on local:x are of a bench of another size, as their CRC fits other data IDs"
+                "frames ANALOG_SENSORS, ENCODER on local:x come from a bench of another size, as their CRC fits other data IDs"
             )
             assert "CLUTCH_HIL_DATABASE" in str(refused.value)
 
@@ -47,7 +47,7 @@ def test_frames_may_come_one_at_a_time(benches: dict[str, dict[str, FrameCodec]]
     watch = SizeWatch(benches["shipped"].values(), "on local:x")
     heartbeat = benches["large"]["PLANT_HEARTBEAT"]
     watch.hear([Frame(heartbeat.can_id, heartbeat.pack(1, rate=1000))])
-    with pytest.raises(InputError, match=r"^frames PLANT_HEARTBEAT on local:x are of a bench of another size"):
+    with pytest.raises(InputError, match=r"^frames PLANT_HEARTBEAT on local:x come from a bench of another size"):
         watch.hear([Frame(heartbeat.can_id, heartbeat.pack(2, rate=1000))])
 
 

@@ -66,7 +66,7 @@ def test_a_folder_without_a_name_is_no_file(name: str) -> None:
 def test_a_name_that_is_no_text_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     odd = tmp_path / os.fsdecode(b"b\xffad.csv")
     for write in (check_new_file, lambda path: whole_file(path).__enter__()):
-        with pytest.raises(InputError, match="has a name that is no text in UTF-8; rename it"):
+        with pytest.raises(InputError, match="has a name that is not UTF-8 text; rename it"):
             write(odd)
     assert list(tmp_path.iterdir()) == []
 

@@ -44,7 +44,7 @@ def test_limits_that_protect_from_nothing_are_refused(allowed_limits: ModuleType
         ("temperature", {"unit": "K"}, "the guard's limit guard.temperature is in 'K'; it is needed in degC"),
         ("stale_cycles", {"value": float("nan")}, "the guard's limit guard.stale_cycles has nan cycles; allowed are"),
         ("voltage", None, "the guard has no limit guard.voltage; it is needed in V, 0.1 to 9.9998"),
-        ("torque", {"value": 3.0}, "the guard has no use for a limit guard.torque; it knows stale_cycles, "),
+        ("torque", {"value": 3.0}, "the guard does not know the limit guard.torque; it knows stale_cycles, "),
     ):
         limits = make_limits()
         allowed_limits.check_limits(limits)
@@ -110,7 +110,7 @@ def test_of_limits_that_the_guard_does_not_know_the_first_is_told(allowed_limits
     for name in ("torque", "current", "speed"):
         limits[f"guard.{name}"] = limits["guard.pressure"]
     with pytest.raises(
-        InputError, match=r"no use for a limit guard\.current; it knows stale_cycles, .*, frozen_dwell$"
+        InputError, match=r"does not know the limit guard\.current; it knows stale_cycles, .*, frozen_dwell$"
     ):
         allowed_limits.check_limits(limits)
 

@@ -117,7 +117,7 @@ def test_the_claim_of_another_is_refused_counted_and_told() -> None:
         assert bus.read("request") == Request.ENGAGE
         assert bus.supervision == Supervision.CONTESTED
     assert bus.node.describe_claim() == {"session": "9b21", "claims_refused": 4}
-    assert bus.node.first_rejected == "the claim of supervisor 8a3f was refused: another one had the clutch"
+    assert bus.node.first_rejected == "the claim of supervisor 8a3f was refused: another supervisor had the clutch"
     for n in range(SILENCE + 1):
         bus.step(*([first.claim()] if n % 50 == 0 else []), first.ask(Request.ENGAGE, 10.0))
     assert bus.supervision == Supervision.CLAIMED, "the other has gone"

@@ -161,7 +161,7 @@ def test_status_and_heartbeat_keep_their_rate_when_slots_are_left_out(slots: int
             "request 7 is unknown; allowed are 0 idle, 1 engage, 2 release, 3 pressure, 4 lock",
         ),
         (SETPOINT.pack(1, 1, 0.0, -30.0, 0.0), "set-point -30 rad/s is outside -26.2..26.2 rad/s"),
-        (bytes(5), "frame TORQUE_SETPOINT (0x180) came with 5 bytes; its definition has 8"),
+        (bytes(5), "frame TORQUE_SETPOINT (0x180) was received with 5 bytes; its definition has 8"),
     ],
 )
 def test_what_cannot_be_followed_is_counted_and_told_and_changes_nothing(data: bytes, words: str) -> None:

@@ -107,12 +107,16 @@ def test_the_first_frame_that_was_not_used_is_told_with_the_limits_of_now(node: 
     assert made.node.first_rejected == ""
     made.node.tune({"torque.demand_limit": 12.0, "torque.pressure_limit": 3.5, "phases.speed_limit": 20.5})
     for why, value, words in (
-        (Refusal.LENGTH, 5.0, "frame TORQUE_SETPOINT (0x180) came with 5 bytes; its definition has 8"),
+        (Refusal.LENGTH, 5.0, "frame TORQUE_SETPOINT (0x180) was received with 5 bytes; its definition has 8"),
         (Refusal.REQUEST, 7.0, "request 7 is unknown; allowed are 0 idle, 1 engage, 2 release, 3 pressure, 4 lock"),
         (Refusal.TORQUE, 40.0, "set-point 40 Nm is outside 0..12 Nm"),
         (Refusal.PRESSURE, 5.5, "set-point 5.5 bar is outside 0..3.5 bar"),
         (Refusal.SPEED, -30.0, "set-point -30 rad/s is outside -20.5..20.5 rad/s"),
-        (Refusal.SUPERVISOR, float(0x0A3F), "the claim of supervisor 0a3f was refused: another one had the clutch"),
+        (
+            Refusal.SUPERVISOR,
+            float(0x0A3F),
+            "the claim of supervisor 0a3f was refused: another supervisor had the clutch",
+        ),
         (Refusal.RATE, 250.0, "the plant runs at 250 Hz, this controller at 500 Hz: give both one rate"),
     ):
         made.state.rejected_why, made.state.rejected_id = why, FRAMES["TORQUE_SETPOINT"].can_id

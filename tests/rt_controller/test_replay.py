@@ -95,7 +95,7 @@ def test_a_controller_that_is_given_up_is_asked_to_end(
     command = [sys.executable, "-c", NEVER_ANSWERS, str(tmp_path / "safe")]
     monkeypatch.setattr("rt_controller.loop.replay.list_command", lambda *_: command)
     monkeypatch.setattr("rt_controller.loop.replay._START_TIMEOUT", 1.0)
-    with pytest.raises(InputError, match="no controller came up on "):
+    with pytest.raises(InputError, match="no controller started on "):
         answer_log_on_bus(local_bus, Log(log, None, exact=False), [])
     assert (tmp_path / "safe").exists()
 
@@ -145,7 +145,7 @@ def test_of_two_channels_one_is_asked_for_and_its_replay_is_equal(tmp_path: Path
     done = replay(tmp_path / "bus.log")
     assert done.returncode == 2
     assert "on 2 channels" in done.stderr
-    assert "can7; give one by --channel" in done.stderr
+    assert "can7; choose one with --channel" in done.stderr
     unrelated = [
         f"(1.0{n:05d}) can7 100#00112233445566{n % 256:02X}\n" for n in range(2000)
     ]  # a car with an identifier of ours
@@ -215,7 +215,7 @@ def test_it_is_faster_than_real_time(tmp_path: Path) -> None:
         (
             "two.log",
             f"(1.0) can0 {ENCODER_B.can_id:03X}#{ENCODER_B.pack_raw(0, 0, 0).hex()}",
-            "is of a run of two clutches, whose controllers hear",
+            "is of a run of two clutches, whose controllers receive",
         ),
     ],
 )

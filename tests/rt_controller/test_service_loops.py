@@ -228,10 +228,10 @@ def test_an_overrun_ends_it(service: ModuleType) -> None:
     loops = Loops(service)
 
     def run(changes: int) -> None:
-        raise OverrunError("2 slots were missed")
+        raise OverrunError("2 cycles were missed")
 
     loops.trigger.run = run
-    with pytest.raises(OverrunError, match="2 slots were missed"):
+    with pytest.raises(OverrunError, match="2 cycles were missed"):
         loops.run_real_time()
 
 

@@ -18,7 +18,7 @@ from tests.mutation.mutants import load_mutant, parse_plain
 from tests.rt_controller.service_bench import ServiceBench
 
 PARTS = "_await_plant", "_warm_up", "_run_in_real_time", "_run_in_lockstep"
-NOTE_OF_TWO = "note: of two clutches none adapts: the motor's torque is that of both"
+NOTE_OF_TWO = "note: no adaptation with two clutches: the motor's torque belongs to both"
 
 
 @pytest.fixture
@@ -232,9 +232,9 @@ def test_what_ends_a_run_is_raised_after_the_safe_commands(service: ModuleType) 
 
 
 def test_an_overrun_that_ends_a_run_is_part_of_the_summary(service: ModuleType) -> None:
-    scene = Scene(service, fails=("_run_in_real_time", OverrunError("3 slots were missed")))
+    scene = Scene(service, fails=("_run_in_real_time", OverrunError("3 cycles were missed")))
     summary = scene.run()
-    assert (summary["overrun"], summary["footprint"], summary["valve_closed"]) == ("3 slots were missed", None, True)
+    assert (summary["overrun"], summary["footprint"], summary["valve_closed"]) == ("3 cycles were missed", None, True)
     assert scene.log[-len(scene.list_ended()) :] == scene.list_ended()
 
 

@@ -75,13 +75,15 @@ def fit(
     require_whole("number of starts", starts)
     for name in names:
         if name not in start or name not in bounds:
-            raise InputError(f"parameter {name!r} has no {'start' if name not in start else 'bounds'}; needed are both")
+            raise InputError(f"parameter {name!r} has no {'start' if name not in start else 'bounds'}; it needs both")
     for name, value in start.items():
         require(f"start of {name}", value, most=np.inf)
     frozen = {name: float(value) for name, value in start.items() if name not in names}
     limits = np.array([_read_limits(name, bounds[name]) for name in names]).reshape(-1, 2)
     if trace.force.size <= len(names):
-        raise InputError(f"measured trace has {trace.force.size} samples for {len(names)} parameters; needed are more")
+        raise InputError(
+            f"measured trace has {trace.force.size} samples for {len(names)} parameters; more samples are needed"
+        )
 
     def compute_force(theta: Array) -> Array:
         model = build({**frozen, **dict(zip(names, map(float, theta), strict=True))})
@@ -101,7 +103,7 @@ def fit(
 def _describe_delay(delay: float) -> str:
     return (
         f"the force is {1e3 * abs(delay):.3g} ms {'behind' if delay > 0.0 else 'before'} the position, which explains most of"
-        " what is left: shift it and fit again, the parameters do not hold"
+        " the residual: shift it and fit again, as these parameters are not valid"
     )
 
 
@@ -110,7 +112,7 @@ def _read_limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
     try:
         low, high = map(float, bounds)
     except (TypeError, ValueError):
-        raise InputError(f"bounds of {name} are {bounds!r:.60}; needed are two numbers, the lower first") from None
+        raise InputError(f"bounds of {name} are {bounds!r:.60}; they must be two numbers, the lower first") from None
     return low, high
 
 
@@ -119,7 +121,7 @@ def _spread_points(bounds: Array, number: int, seed: int) -> Array:
     if number <= 0:
         return np.empty((0, len(bounds)))
     if not np.isfinite(bounds).all():
-        raise InputError("several starts need finite bounds; give them, or use one start")
+        raise InputError("several starts need finite bounds; give bounds, or use one start")
     unit = qmc.LatinHypercube(len(bounds), rng=np.random.default_rng(seed)).random(number)
     low, high = bounds.T
     wide = (low > 0.0) & (high > LOGARITHMIC_RATIO * np.abs(low))

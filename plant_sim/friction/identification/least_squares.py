@@ -201,16 +201,18 @@ def _list_doubts(
     names: tuple[str, ...], values: Array, bounds: Array, half: Array, size: Array, lost: Array
 ) -> tuple[str, ...]:
     """Return one sentence for each parameter, or each group of them, that the data do not determine."""
-    doubts = [f"{names[j]} is not identifiable: it changes nothing in these data" for j in np.flatnonzero(size == 0.0)]
+    doubts = [f"{names[j]} is not identifiable: it has no influence on these data" for j in np.flatnonzero(size == 0.0)]
     for direction in lost:
         group = [names[j] for j in np.flatnonzero(np.abs(direction) > LEAST_COMPONENT) if size[j] > 0.0]
         if len(group) > 1:
-            doubts.append(f"{' and '.join(group)} are not identifiable apart: these data fix a combination of them")
+            doubts.append(
+                f"{' and '.join(group)} are not identifiable separately: these data determine only a combination of them"
+            )
     for j, name in enumerate(names):
         width = bounds[j, 1] - bounds[j, 0]
         gap = min(values[j] - bounds[j, 0], bounds[j, 1] - values[j])
         if gap <= BOUND_DISTANCE * (width if np.isfinite(width) else abs(values[j])):
-            doubts.append(f"{name} rests at its bound {values[j]:g}; its interval does not hold")
+            doubts.append(f"{name} rests at its bound {values[j]:g}; its interval is not valid")
         elif np.isfinite(half[j]) and half[j] > WIDE_INTERVAL * abs(values[j]):
             doubts.append(f"{name} is poorly identifiable: its interval is {values[j]:g} -+ {half[j]:.2g}")
     return tuple(doubts)
@@ -218,7 +220,7 @@ def _list_doubts(
 
 def _check(names: Sequence[str], starts: Array, bounds: Array) -> None:
     if not names:
-        raise InputError("no parameter is to be fitted; needed is one or more")
+        raise InputError("there is no parameter to fit; one or more are needed")
     if starts.shape[1] != len(names) or bounds.shape != (len(names), 2):
         raise InputError(f"start and bounds are {starts.shape[1:]} and {bounds.shape} for {len(names)} parameters")
     for j, name in enumerate(names):

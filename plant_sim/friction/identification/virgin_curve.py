@@ -47,7 +47,7 @@ class VirginCurve:
                 f"virgin curve falls from {force[i]:g} to {force[i + 1]:g} N after {position[i]:g} m; it must never fall"
             )
         if force[-1] == 0.0:
-            raise InputError("virgin curve is 0 N everywhere; needed is a force that rises")
+            raise InputError("virgin curve is 0 N everywhere; the force must rise")
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "force", force)
 
@@ -90,7 +90,7 @@ def from_half_loop(position: Array, force: Array) -> VirginCurve:
     position, force = check_pair(position, force, "half loop")
     side = np.sign(position[-1] - position[0])
     if side == 0.0 or not (np.diff(position) * side > 0.0).all():
-        raise InputError("position of the half loop turns or rests; needed is one branch between two reversals")
+        raise InputError("position of the half loop reverses or rests; one branch between two reversals is needed")
     return VirginCurve(side * (position - position[0]) / 2.0, side * (force - force[0]) / 2.0)  # D.1
 
 
@@ -136,10 +136,10 @@ def check_pair(position: Array, force: Array, name: str, least: int = 3) -> tupl
     position, force = check_real(f"position of the {name}", position), check_real(f"force of the {name}", force)
     if position.ndim != 1 or position.shape != force.shape:
         raise InputError(
-            f"{name} has positions {position.shape} and forces {force.shape}; needed are vectors of one length"
+            f"{name} has positions {position.shape} and forces {force.shape}; they must be vectors of equal length"
         )
     if position.size < least:
-        raise InputError(f"{name} has {position.size} points; needed are {least} or more")
+        raise InputError(f"{name} has {position.size} points; {least} or more are needed")
     return position, force
 
 
@@ -150,7 +150,7 @@ def find_reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
     """
     position = check_real("position", position)
     if position.ndim != 1 or position.size < 1:
-        raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
+        raise InputError(f"position has shape {position.shape}; one value or more in one dimension is needed")
     require("dead band", dead_band, least=0.0, most=1.0)
     return _find_reversals(position, dead_band * float(np.ptp(position)))
 
@@ -183,14 +183,14 @@ def _find_full_strokes(position: Array, side: int) -> list[tuple[int, int]]:
     """Return the first and last sample of every stroke of full width."""
     turns = find_reversals(position)
     if turns.size == 0:
-        raise InputError("record has no reversal of the position; needed is one loop or more")
+        raise InputError("record has no reversal of the position; one loop or more is needed")
     ends = np.concatenate(([0], turns, [position.size - 1]))
     strokes = [(int(a), int(b)) for a, b in pairwise(ends) if b > a]
     width = max(abs(position[b] - position[a]) for a, b in strokes)
     strokes = [(a, b) for a, b in strokes if abs(position[b] - position[a]) >= FULL_STROKE * width]
     strokes = [(a, b) for a, b in strokes if side == 0 or np.sign(position[b] - position[a]) == side]
     if not strokes:
-        raise InputError(f"record has no full stroke {'upwards' if side > 0 else 'downwards'}; needed is one or more")
+        raise InputError(f"record has no full stroke {'upwards' if side > 0 else 'downwards'}; one or more is needed")
     return strokes
 
 

@@ -172,7 +172,9 @@ def test_friction_alone_does_not_tell_the_mass_of_a_lifting_body_from_its_stiffn
     force = subject.make_measurement(NOISE).force[: MOTION.size]
     trace = Measured(MOTION, DT, force, LOAD)
     result = fit(lambda p: subject.build(p).model, ["M", "K", "c"], subject.truth, subject.bounds, trace)
-    assert result.doubts == ("M and K and c are not identifiable apart: these data fix a combination of them",)
+    assert result.doubts == (
+        "M and K and c are not identifiable separately: these data determine only a combination of them",
+    )
 
 
 def test_last_limit_of_the_leuven_model_is_never_reached() -> None:

@@ -75,7 +75,7 @@ def test_parameter_that_moves_nothing_is_told() -> None:
     motion = make_triangle(3e-6, 200)  # the second element slips at 5 um
     force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 0.01, motion.size)
     result = fit(build, list(truth), truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
-    assert result.doubts == ("W2 is not identifiable: it changes nothing in these data",)
+    assert result.doubts == ("W2 is not identifiable: it has no influence on these data",)
     assert np.isinf(result.intervals[3]).all()
     assert np.isfinite(result.intervals[:3]).all()
 
@@ -92,7 +92,7 @@ def test_limit_that_is_not_reached_at_the_start_joins_the_search() -> None:
     np.testing.assert_allclose(result.values, [2e6, 3.0], rtol=1e-6)
     dead = fit(build, ["W"], {"k": 1e5, "W": 9.0}, {"W": (0.1, 50.0)}, trace)
     assert dead["W"] == 9.0
-    assert dead.doubts == ("W is not identifiable: it changes nothing in these data",)
+    assert dead.doubts == ("W is not identifiable: it has no influence on these data",)
 
 
 def test_parameters_that_are_only_known_together_are_told() -> None:
@@ -101,7 +101,9 @@ def test_parameters_that_are_only_known_together_are_told() -> None:
     build, truth = TWO_ELEMENTS.build, TWO_ELEMENTS.truth
     force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 1e-3, motion.size)
     result = fit(build, ["k1", "k2"], truth, TWO_ELEMENTS.bounds, Measured(motion, 1e-3, force))
-    assert result.doubts == ("k1 and k2 are not identifiable apart: these data fix a combination of them",)
+    assert result.doubts == (
+        "k1 and k2 are not identifiable separately: these data determine only a combination of them",
+    )
     assert np.isinf(result.intervals).all()
 
 
@@ -162,7 +164,7 @@ def make_trace(values: list[float]) -> Measured:
         (lambda: replace(make_trace([0.0, 1.0, 2.0]), load=-1.0), "least load of the measured trace is -1 N"),
         (
             lambda: fit(DAHL.build, ["F"], {"F": 1.0}, {"F": 3.0}, make_trace([0.0, 1.0, 2.0])),
-            "bounds of F are 3.0; needed are two numbers",
+            "bounds of F are 3.0; they must be two numbers",
         ),
         (
             lambda: fit(DAHL.build, ["F"], {"F": "a"}, {"F": (1.0, 3.0)}, make_trace([0.0, 1.0, 2.0])),

@@ -120,7 +120,7 @@ def test_exponent_of_nothing_is_not_identifiable() -> None:
     result = fit_least_squares(
         STRIBECK, SPEED, Stribeck(1.0, 0.5, 3.0)(SPEED), start={"viscous": 0.0}, frozen={"viscous": 0.0}
     )
-    assert result.doubts == ("exponent is not identifiable: it changes nothing in these data",)
+    assert result.doubts == ("exponent is not identifiable: it has no influence on these data",)
     assert result["beta"] == pytest.approx(0.5)
 
 
@@ -145,8 +145,8 @@ def test_load_law_saturates_where_the_data_say() -> None:
 @pytest.mark.parametrize(
     ("x", "y", "options", "sentence"),
     [
-        (SPEED[:4], CURVE[:4], {}, "measured curve has 4 points; needed are 6 or more"),
-        (SPEED, CURVE[:-1], {}, "vectors of one length"),
+        (SPEED[:4], CURVE[:4], {}, "measured curve has 4 points; 6 or more are needed"),
+        (SPEED, CURVE[:-1], {}, "vectors of equal length"),
         (SPEED, np.where(SPEED > 40.0, np.nan, CURVE), {}, "force of the measured curve holds nan"),
         (SPEED - 1.0, CURVE, {}, "has a point at -0.5; allowed are points above 0"),
         (SPEED, CURVE, {"frozen": {"beta": 0.5}}, "parameter 'beta' is not in eq 4.1"),

@@ -129,5 +129,5 @@ def test_a_second_trace_goes_on_where_the_first_ended(case: Case) -> None:
 
 def test_a_lifting_model_takes_no_other_law_than_it_runs() -> None:
     passive = PassiveXGMS(Amontons(0.1), [1.0], [1.0])
-    with pytest.raises(InputError, match="tangential is a PassiveXGMS; allowed is XGMS itself"):
+    with pytest.raises(InputError, match="tangential is a PassiveXGMS; it must be an XGMS"):
         LiftingXGMS(passive, LiftUp(1.0, 0.1, 1.0, 1.0, 1e6))

@@ -47,14 +47,14 @@ def test_the_part_after_a_row() -> None:
 
 @pytest.mark.parametrize("payload", [b"", b"junk", encode()[:40], encode()[:-200], b"\xff" * 500])
 def test_what_is_no_batch_is_refused(payload: bytes) -> None:
-    with pytest.raises(InputError, match="telemetry came that is none, or of another version"):
+    with pytest.raises(InputError, match="a telemetry message is invalid or of another version"):
         decode(payload, "plant")
 
 
 @pytest.mark.parametrize(
     ("payload", "words"),
     [
-        (encode(node="controller"), "telemetry of the controller came under the name of the plant"),
+        (encode(node="controller"), "telemetry of the controller was sent under the name of the plant"),
         (encode(columns=COLUMNS[:2], rows=ROWS[:, :2]), "lacks the column plant_clock_s"),
         (encode(columns=(*COLUMNS, COLUMNS[1]), rows=ROWS[:, [0, 1, 2, 1]]), "has a column twice"),
         (encode(rate=0.0), "has the rate 0"),
@@ -66,7 +66,7 @@ def test_what_is_no_batch_is_refused(payload: bytes) -> None:
         (encode(session=10**4000), "has the session"),
         (encode(lost=-5), "has the rows lost -5"),
         (encode(rows=ROWS[::-1]), "goes back"),
-        (encode(rows=ROWS * np.nan), "is no number"),
+        (encode(rows=ROWS * np.nan), "is not a number"),
         (b"\0" * (65 << 20), "allowed are 67108864"),
     ],
 )

@@ -85,9 +85,7 @@ def test_a_stopped_service_refuses_a_change_and_does_not_make_it_later(local_bus
         name = wait_for_bench(session, local_bus)
         before = request_parameters(session, name, "controller")
         services["controller"].send_signal(signal.SIGSTOP)
-        with pytest.raises(
-            InputError, match=r"controller: the service has not answered .* Nothing is changed, now or later"
-        ):
+        with pytest.raises(InputError, match=r"controller: the service has not answered .* Nothing was changed"):
             set_parameters(session, name, "controller", {"torque.integral_gain": 0.5})
         services["controller"].send_signal(signal.SIGCONT)
         changed = set_parameters(session, name, "controller", {"torque.proportional_gain": 0.02})["changed"]
@@ -106,5 +104,5 @@ def test_a_recorder_says_that_the_plant_publishes_nothing(local_bus: str, tmp_pa
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert "the plant of bench" in done.stderr
-    assert "publishes no telemetry; a run needs both sides" in done.stderr
+    assert "publishes no telemetry; a run needs plant and controller" in done.stderr
     assert not list(tmp_path.iterdir())
