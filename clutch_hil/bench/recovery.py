@@ -29,7 +29,7 @@ class Recovered:
 
     def __str__(self) -> str:
         if self.file is None:
-            return f"{self.journal} had {self.samples} samples, too few for a run; it was removed"
+            return f"{self.journal} had {self.samples} samples, no run; it was removed"
         if self.was_complete:
             return f"{self.file} was complete; its journal was removed"
         return f"recovered {self.file}: {self.samples} samples, {self.seconds:.3f} s of a run whose recorder was killed"

@@ -242,7 +242,7 @@ def test_controllers_of_a_bench_of_another_size_are_not_waited_for(plant_service
     port = SimpleNamespace(name="bus", send=bench.note("sent"))
     notifier = SimpleNamespace(say=bench.note("say"), extend_start=bench.note("extend"))
     bench.node.controller = Lifecycle.INACTIVE
-    with pytest.raises(InputError, match="frames CONTROLLER_HEARTBEAT on bus are of a bench of another size"):
+    with pytest.raises(InputError, match="frames CONTROLLER_HEARTBEAT on bus come from a bench of another size"):
         bench.service._await_controller(bench.node, port, bench.outlet, bench, notifier)
     assert len(bench.list_calls("sent")) == 2
 

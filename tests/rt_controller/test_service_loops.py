@@ -77,7 +77,7 @@ def test_a_plant_of_a_bench_of_another_size_is_not_waited_for(service: ModuleTyp
     for clutch, name in (("a", "ENCODER"), ("b", "ENCODER_B")):
         other = make_other(clutch, "ENCODER")
         coming = [[Frame(other.can_id, other.pack(count))] for count in range(3)]
-        sentence = f"frames {name} on local:resolved are of a bench of another size"
+        sentence = f"frames {name} on local:resolved come from a bench of another size"
         with pytest.raises(InputError, match=sentence):
             Waiting(service, coming, complete=3, clutch=clutch)
     of_a = make_other("a", "VALVE_COMMAND")

@@ -166,6 +166,6 @@ def test_a_torque_that_the_limits_of_the_controller_keep_away_says_so() -> None:
     """A calibration whose pressure limit was below what 100 Nm need said `torque followed poorly`, and no reason."""
     demand = np.repeat([0.0, 20.0], 50)
     columns = {"torque_demand_nm": demand, "controller_saturated": np.repeat([1.0, 0.0, 1.0], [50, 10, 40])}
-    assert "in 80 % of the samples with a demand the controller was at its limit" in _describe_limited(columns)
+    assert "in 80 % of the samples with a demand the controller was at its pressure" in _describe_limited(columns)
     assert not _describe_limited({**columns, "controller_saturated": np.zeros(100)})
     assert not _describe_limited({"torque_demand_nm": 0.0 * demand, "controller_saturated": np.ones(100)})

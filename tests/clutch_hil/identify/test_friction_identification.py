@@ -260,7 +260,7 @@ def test_inertia_that_hides_the_friction_throughout_is_a_warning() -> None:
     ("law", "columns", "terms", "words"),
     [
         ("xgms", {"load_n": np.zeros(N)}, None, "law xgms needs the load, and it is 0 N throughout"),
-        ("gms", {"load_n": np.zeros(N)}, ("load_gain",), "'load_gain' is given, and the load is 0 throughout"),
+        ("gms", {"load_n": np.zeros(N)}, ("load_gain",), "'load_gain' is given, but the load is 0 throughout"),
         (
             "gms",
             {"position_m": np.where(np.arange(N) < N // 2, 0.0, 1e-3)},

@@ -23,7 +23,7 @@ def test_one_torque_is_no_finding() -> None:
 def test_a_dead_motor_torque_is_told(dead: float) -> None:
     (finding,) = find_other_torque({"run": make_run(np.full(TIME.size, dead))})
     assert finding.hard
-    assert "moves by 9 Nm at steady speeds, where motor_torque_nm, the same torque, does not" in finding.text
+    assert "moves by 9 Nm at steady speeds, but motor_torque_nm, the same torque, does not" in finding.text
 
 
 def test_a_torque_in_another_unit_is_told() -> None:
