@@ -100,7 +100,7 @@ def test_a_hidden_effect_is_named(hidden: dict[str, float], lacking: tuple[str, 
 def test_no_effect_of_the_drive_is_a_candidate_behind_the_slip() -> None:
     drive = {c.name for c in WetClutch().candidates} - {c.name for c in ShaftClutch().candidates}
     assert drive == {"backlash", "motor_torque_ripple", "shaft_compliance"}
-    with pytest.raises(InputError, match="effect 'backlash' is no candidate"):
+    with pytest.raises(InputError, match="effect 'backlash' is not a candidate"):
         ch.find_discrepancy([drop(run, DEMAND) for run in record_runs({})], effects=["backlash"])
 
 

@@ -48,7 +48,8 @@ def test_a_model_is_not_compared_with_what_was_computed_from_its_outputs() -> No
     run = ch.simulate(profile="engagement", seconds=1.0, seed=1)
     computed = Run(run.columns, {"import": {"not_measured": {"cylinder_pressure_bar": "clutch_torque_nm / 8"}}})
     with pytest.raises(
-        InputError, match=r"cylinder_pressure_bar is .* by its import map, so it is not measured independently of clutch_torque_nm"
+        InputError,
+        match=r"cylinder_pressure_bar is .* by its import map, so it is not measured independently of clutch_torque_nm",
     ):
         ch.find_discrepancy([computed])
 
