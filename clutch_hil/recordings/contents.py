@@ -175,7 +175,8 @@ def _find_rising(channels: Sequence[Channel], recording: Recording, as_stated: b
     first = next(iter(channels), None)
     if not first or first.kind != "number" or simplify_unit(first.unit):
         return None
-    steps = np.diff(recording.read([first])[0].values)
+    values = recording.read([first])[0].values
+    steps = np.diff(values) if np.isfinite(values).all() else np.zeros(0)
     if not len(steps) or not np.all(steps > 0.0) or np.all(steps == 1.0):
         return None
     rates = list_stated_rates(recording.numbers, [first]) if as_stated else []

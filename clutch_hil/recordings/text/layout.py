@@ -284,10 +284,11 @@ def _list_clocks(rows: Sequence[Sequence[str]], columns: Sequence[Column], cells
     whole = [row for row in rows if len(row) == len(columns)]
     clocks = []
     for number, column in enumerate(columns):
-        values = [row[number] for row in whole]
-        if column.kind == "text" or any(map(cells.is_missing, values)):
+        texts = [row[number] for row in whole]
+        if column.kind == "text" or any(map(cells.is_missing, texts)):
             continue
-        if column.time or np.all(np.diff(cells.parse(pa.array(values, pa.string())).values) > 0.0):
+        values = np.zeros(0) if column.time else cells.parse(pa.array(texts, pa.string())).values
+        if column.time or (np.isfinite(values).all() and np.all(np.diff(values) > 0.0)):
             clocks.append(number)
     return clocks
 
