@@ -56,7 +56,11 @@ def check_runs(runs: Sequence[Recorded]) -> list[Finding]:
 def check_columns_alone(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> list[Finding]:
     """What the checks see in an imported run, without a baseline: all of it soft, as nothing is concluded yet."""
     known = {column: Knowledge(units.get(column, "")) for column in columns if column != "time_s"}
-    return [replace(finding, hard=False, run=name) for finding in check_run(Recorded(name, columns, known))]
+    run = Recorded(name, columns, known)
+    findings = check_run(run)
+    told = {finding.column for finding in findings}  # not all, if the run is short: this check needs no time
+    findings += [finding for finding in find_placeholders(run) if finding.column not in told]
+    return [replace(finding, hard=False, run=name) for finding in findings]
 
 
 def check_run(run: Recorded) -> list[Finding]:

@@ -219,6 +219,12 @@ def test_a_number_that_stands_for_no_value_is_told(number: float) -> None:
     assert "set missing for this column in the import map" in str(finding)
 
 
+def test_a_number_that_stands_for_no_value_is_told_in_a_short_run() -> None:
+    force = np.where((TIME > 0.2) & (TIME < 0.21), -9999.0, SOUND)[:500]
+    findings = check_columns_alone("a run", {"time_s": TIME[:500], "force_n": force}, {"force_n": "N"})
+    assert [finding.check for finding in findings] == ["length", "placeholder"]
+
+
 @pytest.mark.parametrize(
     "column",
     [
