@@ -20,6 +20,8 @@ LEAST_TOTAL = (
 EARLY = 0.05  # s: nothing real is early; half a window of a smoother is
 APART = 0.05  # s that the delay may change in a run: oil that warms, or a valve that sticks, change it by less
 _LEAK_RATES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # 1/s: those of the catalogue's leaking sensor, and around
+# of the movement: half widths of the loops of a valve or piston that sticks
+_LOOPS = np.array([0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2])
 _STEADY = 0.25  # of what clocks run apart: how far the middle of a run may be from half of it
 _MOST_DELAY = 5.0  # s that are searched, and a quarter of the run
 _STEP = 5e-3  # s of the means that delays are read from: a tenth of what is told
@@ -50,7 +52,7 @@ def find_late(run: Recorded) -> list[Finding]:
         delay, sure = found_delay
         if not sure or -EARLY <= delay <= known.limits.delay:
             continue
-        if delay < 0.0 and _leaks(run.columns[name], known.predicted, run.period, delay):
+        if _is_physical(run.columns[name], known.predicted, run.period, delay):
             continue
         text = (
             f"is {abs(delay):.3g} s {'behind' if delay > 0.0 else 'before'} {known.source}: its clock is not that of the"
@@ -60,15 +62,36 @@ def find_late(run: Recorded) -> list[Finding]:
     return findings
 
 
-def _leaks(measured: np.ndarray, predicted: np.ndarray, period: float, delay: float) -> bool:
-    """Whether a sensor whose charge leaks explains more than a shift by `delay` < 0 [s]: slow movements are then early."""
+def _is_physical(measured: np.ndarray, predicted: np.ndarray, period: float, delay: float) -> bool:
+    """Whether a leak or a loop explains more than a shift by `delay` [s]; both shift slow movements more than fast ones.
+
+    A sensor whose charge leaks is early. A valve with hysteresis or a piston with friction is late. With the smallest leak or
+    loop the prediction itself explains more.
+    """
     block = max(1, round(_STEP / period))
     m, p = (_average(values, block) for values in (measured, predicted))
-    shift = round(-delay / (block * period))
-    shifted = np.corrcoef(m[: len(m) - shift], p[shift:])[0, 1]
-    decays = np.exp(-np.array(_LEAK_RATES) * block * period)
-    leaking = [lfilter([0.5 * (1.0 + decay), -0.5 * (1.0 + decay)], [1.0, -decay], p) for decay in decays]
-    return any(np.corrcoef(m, one)[0, 1] > shifted for one in leaking)
+    shift = round(abs(delay) / (block * period))
+    early, late = (m, p) if delay < 0.0 else (p, m)
+    shifted = np.corrcoef(early[: len(m) - shift], late[shift:])[0, 1]
+    physical = _loop(p) if delay > 0.0 else _leak(p, block * period)
+    return any(np.corrcoef(m, one)[0, 1] > shifted for one in physical)
+
+
+def _leak(values: np.ndarray, period: float) -> list[np.ndarray]:
+    """`values` (n,) as sensors show them whose charge leaks at _LEAK_RATES."""
+    decays = np.exp(-np.array(_LEAK_RATES) * period)
+    return [lfilter([0.5 * (1.0 + decay), -0.5 * (1.0 + decay)], [1.0, -decay], values) for decay in decays]
+
+
+def _loop(values: np.ndarray) -> np.ndarray:
+    """`values` (n,) with play of each of _LOOPS (k, n): they follow at a distance, and stay where the direction turns."""
+    width = _LOOPS * np.ptp(values)
+    held = np.full(len(width), values[0])
+    shown = np.empty((len(values), len(width)))
+    for row, value in enumerate(values):
+        held = np.clip(held, value - width, value + width)
+        shown[row] = held
+    return shown.T
 
 
 def find_longest_delay(run: Recorded) -> float:
@@ -92,6 +115,10 @@ def find_drift(run: Recorded) -> list[Finding]:
         apart = last - first
         steady = abs(middle - 0.5 * (first + last)) < _STEADY * abs(apart)
         if abs(apart) > max(APART, 0.5 * known.limits.delay) and steady and (sure or too):
+            k = int(np.argmax(np.abs([first, middle, last])))
+            part = thirds[k]
+            if _is_physical(run.columns[name][part], known.predicted[part], run.period, (first, middle, last)[k]):
+                continue
             text = (
                 f"runs apart from {known.source} by {apart:.3g} s from the first to the last third: its clock is another one;"
                 " resample it by a channel that both have"

@@ -106,6 +106,32 @@ def test_what_a_real_sensor_does_is_not_refused(fault: Alteration) -> None:
     assert not [str(finding) for finding in check_run(fault(SOUND)) if finding.hard]
 
 
+TRIANGLE = np.where(TIME < 0.5, 0.0, 1.0 + np.abs((TIME / 4.0) % 2.0 - 1.0))  # after a fill
+SLOWING = np.abs((np.log(0.15 + 0.1 * TIME) / 0.2) % 2.0 - 1.0)  # a triangle with slower and slower flanks
+
+
+@pytest.mark.parametrize(
+    ("predicted", "half_width"), [(TRIANGLE, 0.1), (TRIANGLE, 0.05), (SLOWING, 0.05), (SLOWING, 0.15)]
+)
+def test_a_valve_with_hysteresis_has_no_other_clock(predicted: np.ndarray, half_width: float) -> None:
+    """It is late where the movement is slow; a clock is late in all of a run."""
+    held, played = predicted[0], []
+    for value in predicted:
+        held = min(max(held, value - half_width), value + half_width)
+        played.append(held)
+    force = np.array(played) + NOISE * np.random.default_rng(6).standard_normal(ROWS)
+    assert not [str(f) for f in check_run(force, predicted=predicted) if f.check in ("delay", "drift")]
+
+
+def test_a_channel_that_agrees_with_the_baseline_has_its_clock() -> None:
+    """A small movement in noise may look more like a large one nearby than like itself."""
+    third = TIME[-1] / 3.0
+    bumps = [(0.5, 3.0), (1.1, 0.05), (1.5 * third, 3.0), (3.0 * third - 1.1, 0.05), (3.0 * third - 0.5, 3.0)]
+    predicted = np.sum([size * np.exp(-(((TIME - at) / 0.05) ** 2)) for at, size in bumps], axis=0)
+    force = predicted + NOISE * np.random.default_rng(7).standard_normal(ROWS)
+    assert check_run(force, predicted=predicted) == []
+
+
 def test_a_sound_run_says_nothing() -> None:
     assert check_run(SOUND) == []
 
