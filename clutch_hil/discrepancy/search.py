@@ -6,7 +6,7 @@ propose an experiment where effects cannot be distinguished.
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from clutch_hil.discrepancy.result import (
     NONE_OF_THESE,
     NOTHING,
     ONE_OF,
+    Claim,
     Estimate,
     Result,
     Rival,
@@ -64,6 +65,96 @@ def investigate(
     evidence = Evidence(model, list(runs.values()), floors, rounding)
     selection = EffectSelection(model, evidence, [c for c in candidates if c not in evident], progress)
     selection.run()
+    found = _conclude(selection, evidence, runs, held, evident, progress)
+    verdict, notes = found.verdict, found.notes
+    baseline = selection.estimate_parameters(effects=False)
+    notes += note_limits(model, baseline, found.recalibration)
+    rivals = selection.judge_rivals()
+    if found.recalibration and verdict == IDENTIFY_FIRST:
+        rivals = [_refuse_for(found.recalibration, rival) for rival in rivals]
+    if found.recalibration:
+        notes += note_rest(found.recalibration)
+    progress("gap on runs that were not fitted", 0.85)
+    evidence, before, after = selection.evidence, selection.fits.base, selection.final
+    points = [(before.point, after.point)] * len(runs) if held else fit_without_each(evidence, before, after)
+    surrogate: dict[str, Any] | None = None
+    if found.held_out_alone:
+        surrogate = {"sentence": found.held_out_alone, "values": {}}
+    elif verdict == NONE_OF_THESE:
+        progress("shape of the residual", 0.9)
+        surrogate, after, points = _fit_surrogate(evidence, before, points, floors, bool(held))
+    traces = _make_traces(model, runs, held, [*points, *([(before.point, after.point)] * len(held))])
+    judged = [t for t in traces if t.held_out or not held]
+    gap, by_regime = measure_gaps(model, judged, floors)
+    confidence = found.confidence
+    if verdict in (NAMED, ONE_OF) and not evident and (doubts := note_open_gap(gap)):
+        notes += doubts
+        confidence = min(confidence, DOUBTFUL_CONFIDENCE)
+    progress("regimes of the disagreement", 0.9)
+    where = find_claims(model, list((held if found.held_out_alone else runs).values()), floors, *before.point)
+    if verdict in (NAMED, ONE_OF):
+        where = _locate_effects(evidence, after.point, floors, selection.named, evident) or where
+    proposed = None
+    if verdict == ONE_OF:
+        progress("experiment that separates the alternatives", 0.95)
+        options = [selection.values[name] for name in found.alternatives[0]]
+        proposed = propose(model, after.point[0], options, floors)
+    progress("done", 1.0)
+    return Result(
+        rig=model.name,
+        verdict=verdict,
+        effects=found.effects,
+        alternatives=found.alternatives,
+        confidence=confidence,
+        where=where,
+        parameters=[*selection.estimate_parameters(effects=True), *_list_evident_estimates(evident)]
+        if verdict in (NAMED, ONE_OF)
+        else [],
+        baseline=baseline,
+        recalibration=found.recalibration,
+        gap=gap,
+        gap_by_regime=by_regime,
+        rivals=[*(Rival(c.name, 1.0, 0.0, {}, "", 1) for c in evident), *rivals],
+        surrogate=surrogate,
+        experiment=proposed,
+        floors=floors,
+        units={o.column: o.unit for o in model.outputs},
+        equations={c.name: c.equation for c in (*selection.named, *evident)}
+        | selection.collect_equations(found.alternatives),
+        hashes={},
+        seconds=time.perf_counter() - started,
+        held_out="given" if held else "in turn",
+        notes=notes,
+        atlas=compute_statistics(model, list(runs.values()), floors, *before.point),
+        traces=traces,
+    )
+
+
+@dataclass(frozen=True)
+class _Conclusion:
+    """The verdict, with the effects or the alternatives that it names, and the notes that explain it.
+
+    held_out_alone: the sentence on a disagreement that only held-out runs have, else "".
+    """
+
+    verdict: str
+    effects: list[str]
+    alternatives: list[list[str]]
+    confidence: float
+    recalibration: Recalibration | None
+    notes: list[str]
+    held_out_alone: str
+
+
+def _conclude(
+    selection: EffectSelection, evidence: Evidence, runs: Mapping[str, Columns], held: Mapping[str, Columns],
+    evident: Mapping[Candidate, Evident], progress: Progress,
+) -> _Conclusion:  # fmt: skip
+    """Return the conclusion from the selected effects, a re-calibration, the `evident` effects and the `held` runs.
+
+    Effects that do not explain enough are dropped from `selection`.
+    """
+    model = evidence.model
     verdict, effects, alternatives = selection.decide()
     recalibration = None
     if verdict != NOTHING:
@@ -87,96 +178,54 @@ def investigate(
     if evident and verdict not in (NONE_OF_THESE, IDENTIFY_FIRST):
         verdict = verdict if verdict == ONE_OF else NAMED
         effects = [*(c.name for c in evident), *effects]
-    held_out_alone, at = False, selection.final.point
-    powers = compute_powers(model, list(runs.values()), at, floors, rounding)
+    confidence = CALIBRATION_CONFIDENCE if verdict == IDENTIFY_FIRST else selection.confidence
+    held_out_alone, at = "", selection.final.point
+    powers = compute_powers(model, list(runs.values()), at, evidence.floors, evidence.rounding)
     if verdict == NONE_OF_THESE:
         notes += note_unlike(list(runs), powers)
     if held and not np.any(powers > DISAGREEMENT):
-        unseen = describe_held_out(
-            model, held, compute_powers(model, list(held.values()), at, floors, rounding), at, floors
-        )
+        held_powers = compute_powers(model, list(held.values()), at, evidence.floors, evidence.rounding)
+        unseen = describe_held_out(model, held, held_powers, at, evidence.floors)
         if unseen and verdict == NOTHING:
-            verdict, selection.confidence, held_out_alone = NONE_OF_THESE, NONE_CONFIDENCE, True
+            verdict, confidence, held_out_alone = NONE_OF_THESE, NONE_CONFIDENCE, unseen
         elif unseen:
             notes.append(unseen)
     notes += [f"{c.name} is evident without a fit: {one.why}" for c, one in evident.items()]
     if selection.reading:
         notes.append(f"the baseline alone fits these runs better where {selection.reading}")
-    baseline = selection.estimate_parameters(effects=False)
-    notes += note_limits(model, baseline, recalibration)
-    rivals = selection.judge_rivals()
-    if recalibration and verdict == IDENTIFY_FIRST:
-        rivals = [_refuse_for(recalibration, rival) for rival in rivals]
-    if recalibration:
-        notes += note_rest(recalibration)
-    progress("gap on runs that were not fitted", 0.85)
-    evidence, before, after = selection.evidence, selection.fits.base, selection.final
-    points = [(before.point, after.point)] * len(runs) if held else fit_without_each(evidence, before, after)
-    surrogate: dict[str, Any] | None = None
-    proposed = None
-    if held_out_alone:
-        surrogate = {"sentence": unseen, "values": {}}
-    elif verdict == NONE_OF_THESE:
-        progress("shape of the residual", 0.9)
-        surrogate = describe_residual(model, evidence.runs, floors, *before.point)
-        after = _add_surrogate(evidence, before, surrogate["values"])
-        if after is before:
-            surrogate["values"] = {}  # the surrogate does not fit better
-        elif held:
-            points = [(before.point, after.point)] * len(runs)
-        else:
-            points = [(own, _add_surrogate_of_others(evidence, own, k, floors)) for k, (own, _) in enumerate(points)]
-    traces = _make_traces(model, runs, held, [*points, *([(before.point, after.point)] * len(held))])
-    judged = [t for t in traces if t.held_out or not held]
-    gap, by_regime = measure_gaps(model, judged, floors)
-    if verdict in (NAMED, ONE_OF) and not evident and (doubts := note_open_gap(gap)):
-        notes += doubts
-        selection.confidence = min(selection.confidence, DOUBTFUL_CONFIDENCE)
-    progress("regimes of the disagreement", 0.9)
-    where = find_claims(model, list((held if held_out_alone else runs).values()), floors, *before.point)
-    if verdict in (NAMED, ONE_OF):
-        shown = {n: values[0] for one in evident.values() for n, values in one.intervals.items()}
-        point = after.point[0], {**after.point[1], **shown}
-        acts = [
-            claim
-            for c in (*selection.named, *evident)
-            for claim in locate_effect(model, evidence.runs, floors, *point, c)
-        ]
-        largest = {(c.block, c.output, c.regime): c for c in sorted(acts, key=lambda claim: claim.size)}
-        where = sorted(largest.values(), key=lambda claim: -claim.times_floor) or where
-    if verdict == ONE_OF:
-        progress("experiment that separates the alternatives", 0.95)
-        options = [selection.values[name] for name in alternatives[0]]
-        proposed = propose(model, after.point[0], options, floors)
-    progress("done", 1.0)
-    return Result(
-        rig=model.name,
-        verdict=verdict,
-        effects=effects,
-        alternatives=alternatives,
-        confidence=CALIBRATION_CONFIDENCE if verdict == IDENTIFY_FIRST else selection.confidence,
-        where=where,
-        parameters=[*selection.estimate_parameters(effects=True), *_list_evident_estimates(evident)]
-        if verdict in (NAMED, ONE_OF)
-        else [],
-        baseline=baseline,
-        recalibration=recalibration,
-        gap=gap,
-        gap_by_regime=by_regime,
-        rivals=[*(Rival(c.name, 1.0, 0.0, {}, "", 1) for c in evident), *rivals],
-        surrogate=surrogate,
-        experiment=proposed,
-        floors=floors,
-        units={o.column: o.unit for o in model.outputs},
-        equations={c.name: c.equation for c in (*selection.named, *evident)}
-        | selection.collect_equations(alternatives),
-        hashes={},
-        seconds=time.perf_counter() - started,
-        held_out="given" if held else "in turn",
-        notes=notes,
-        atlas=compute_statistics(model, list(runs.values()), floors, *before.point),
-        traces=traces,
-    )
+    return _Conclusion(verdict, effects, alternatives, confidence, recalibration, notes, held_out_alone)
+
+
+def _fit_surrogate(
+    evidence: Evidence, before: LinearModel, points: Sequence[tuple[Point, Point]], floors: Values, held: bool
+) -> tuple[dict[str, Any], LinearModel, list[tuple[Point, Point]]]:
+    """Describe the residual of the baseline by a surrogate, see `describe_residual`.
+
+    Return the surrogate, without values if it does not fit better; the model with it; and `points`, before and after of each
+    run, with it. held: whether runs are held out, so that none is left out in turn.
+    """
+    surrogate = describe_residual(evidence.model, evidence.runs, floors, *before.point)
+    after = _add_surrogate(evidence, before, surrogate["values"])
+    if after is before:
+        return {**surrogate, "values": {}}, after, list(points)
+    if held:
+        return surrogate, after, [(before.point, after.point)] * len(points)
+    return surrogate, after, [
+        (own, _add_surrogate_of_others(evidence, own, k, floors)) for k, (own, _) in enumerate(points)
+    ]  # fmt: skip
+
+
+def _locate_effects(
+    evidence: Evidence, at: Point, floors: Values, named: Sequence[Candidate], evident: Mapping[Candidate, Evident]
+) -> list[Claim]:
+    """Return claims on where the effects act: the largest in each block, output and regime; largest first."""
+    shown = {n: values[0] for one in evident.values() for n, values in one.intervals.items()}
+    point = at[0], {**at[1], **shown}
+    acts = [
+        claim for c in (*named, *evident) for claim in locate_effect(evidence.model, evidence.runs, floors, *point, c)
+    ]
+    largest = {(c.block, c.output, c.regime): c for c in sorted(acts, key=lambda claim: claim.size)}
+    return sorted(largest.values(), key=lambda claim: -claim.times_floor)
 
 
 def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candidate]:

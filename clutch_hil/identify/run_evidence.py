@@ -14,7 +14,7 @@ from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.identify.shaft_angle import complete_angle
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.timing import cut_at_fault
-from clutch_hil.recordings.checks.values import MANY_SPIKES, find_spikes
+from clutch_hil.recordings.checks.values import are_few, find_spikes
 from clutch_hil.recordings.not_measured import NotMeasured, find_source, read_not_measured
 from protocols.errors import InputError, format_count, name_run
 from protocols.files.run import Run
@@ -139,7 +139,7 @@ def replace_spikes(name: str, run: Columns, floors: Values) -> tuple[Columns, li
     findings = []
     for column, floor in floors.items():
         rows, medians = find_spikes(run[column], floor)
-        if 0 < len(rows) <= MANY_SPIKES * len(run[column]):
+        if len(rows) and are_few(rows, run[column]):
             changed[column] = run[column].copy()
             changed[column][rows] = medians
             text = f"{format_count(len(rows), 'sample')} far from the neighbours: replaced by the median of five rows"

@@ -1,6 +1,7 @@
 """Checks of a recording: each speaks where it must and names column and rows; faults of real sensors are not refused."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from clutch_hil.recordings.checks.every_check import check_columns_alone, check_
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
 from clutch_hil.recordings.checks.timing import LEAST_ROWS, LEAST_SECONDS, cut_at_fault
-from clutch_hil.recordings.checks.values import find_spikes
+from clutch_hil.recordings.checks.values import find_outliers, find_spikes
 from protocols.errors import InputError
 
 PERIOD, ROWS, NOISE = 1e-3, 8000, 0.02  # s; rows; N
@@ -77,6 +78,25 @@ def test_rows_are_those_concerned() -> None:
     (spike,) = (f for f in check_run(SPIKED) if f.check == "outliers")
     assert (spike.rows, spike.hard) == ((4321, 4321), False)
     assert ", row 4321, has 1 isolated sample" in str(spike)
+
+
+def test_one_outlier_is_no_reason_to_refuse_a_short_run() -> None:
+    rows = slice(4000, 4600)
+    run = Recorded(
+        "a run", {"force_n": SPIKED[rows], "position_m": TIME[rows], "time_s": TIME[rows]},
+        {"force_n": Knowledge("N", NOISE, PREDICTED[rows])}, ("position_m",), 1.2,
+    )  # fmt: skip
+    (spike,) = find_outliers(run)
+    assert not spike.hard
+    two = np.where(np.isin(np.arange(ROWS), [4321, 4500]), 20.0, SOUND)[rows]
+    (spike,) = find_outliers(replace(run, columns={**run.columns, "force_n": two}))
+    assert spike.hard
+
+
+def test_a_sample_that_the_baseline_has_is_no_outlier() -> None:
+    """At 100 rows a second the motor's torque after a step of the speed may be a single one."""
+    run = make_run(SPIKED, PREDICTED + np.where(np.arange(ROWS) == 4321, 15.0, 0.0))
+    assert not find_outliers(run)
 
 
 def test_the_peak_of_a_jump_is_not_alone() -> None:
