@@ -61,8 +61,8 @@ class Rival:
     """A candidate, and why it was not named.
 
     closed: share of the excess over the floor of the fitted runs that the candidate closes alone. gain: reduction of twice the
-    negative log-likelihood. values: fitted parameters by dotted name. reason: one sentence, "" when it is named. round: round
-    of the search, from 1.
+    negative log-likelihood. values: fitted parameters by dotted name, in `units`. reason: one sentence, "" when it is named.
+    round: round of the search, from 1.
     """
 
     name: str
@@ -71,6 +71,7 @@ class Rival:
     values: dict[str, float]
     reason: str
     round: int
+    units: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

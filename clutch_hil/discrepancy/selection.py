@@ -299,8 +299,10 @@ class EffectSelection:
         best = {c.name for c in self.named} if w.is_sufficient else set()
         whole = max(w.gain + w.rest, LEAST_GAIN) * size  # whole excess
         rivals = []
+        units = {c.name: {f"{c.name}.{p.name}": p.unit for p in c.parameters} for c in self.candidates}
         tried = [
-            Rival(name, 0.0, self._compute_gain(name), self.values.get(name, {}), "", 1) for name in self._linear_costs
+            Rival(name, 0.0, self._compute_gain(name), self.values.get(name, {}), "", 1, units[name])
+            for name in self._linear_costs
         ]
         for r in sorted(tried, key=lambda r: -r.gain):
             closed = float(np.clip(r.gain / whole, 0.0, 1.0))

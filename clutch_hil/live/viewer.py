@@ -5,7 +5,6 @@ Beyond loopback only the page of a server can be reached, with a token (viewer_p
 The viewer has a separate home folder, so that it uses no layout of an earlier version and sends no usage statistics.
 """
 
-import contextlib
 import json
 import os
 import re
@@ -30,6 +29,7 @@ from protocols.realtime.shared_folder import SharedFolder
 
 DATA_PORT = 9876  # rerun's default, for a stream
 PAGE_PORT = 9090  # rerun's default, for a browser
+_LAST_PORT = 65535
 _START_TIMEOUT = 30.0  # s for the process to listen, after a cold start from disk
 _POLL_PERIOD = 0.05  # s between checks
 _WINDOW_MEMORY = "1GB"  # of rows in the window's process: half an hour at 1 kHz and 60 signals; it needs 300 MB more
@@ -233,13 +233,23 @@ def _check_address(address: str) -> str:
 
 def _free_port(wanted: int | None, default: int, but: Sequence[int] = (), address: str = LOOPBACK) -> int:
     """Return the port `wanted`; for None the `default`, or a free one if that is in use; none of `but`. Raises InputError."""
+    if wanted is not None and not 0 < wanted <= _LAST_PORT:
+        raise InputError(
+            f"port {wanted} is not possible; allowed is 1 to {_LAST_PORT}, or leave it out to use a free one"
+        )
+    why = "in use"
     for port in [wanted] if wanted is not None else [default, 0]:
-        with socket.socket() as probe, contextlib.suppress(OSError, OverflowError):
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((address, port))
-            if (free := probe.getsockname()[1]) not in but:
-                return free
-    raise InputError(f"port {wanted} on {address} is in use or not in 1 to 65535; leave it out to use a free one")
+        try:
+            with socket.socket() as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind((address, port))
+                if (free := probe.getsockname()[1]) not in but:
+                    return free
+        except PermissionError:
+            why = "only for root"
+        except OSError:
+            why = "in use"
+    raise InputError(f"port {wanted} on {address} is {why}; leave it out to use a free one")
 
 
 def _is_listening(port: int) -> bool:

@@ -1,6 +1,6 @@
 """Missing physics: the section with the effects that are missing, their equations and values, and the rejected rivals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 from clutch_hil.discrepancy.recalibration import Recalibration
@@ -157,7 +157,7 @@ def _describe_rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
         (
             format_effect(rival.name), make_value(rival.closed, format_percent(rival.closed, 1)),
             make_value(rival.gain, format_number(rival.gain)),
-            _format_values(rival.values), rival.reason or ("cannot be distinguished" if rival.name in same else "named"),
+            _format_values(rival), rival.reason or ("cannot be distinguished" if rival.name in same else "named"),
         )
         for rival in order
     ]  # fmt: skip
@@ -170,5 +170,11 @@ def _describe_rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     return [picture, first, fold(f"{len(rows) - _OPEN_ROWS} further candidates", rest)]
 
 
-def _format_values(values: Mapping[str, float]) -> Html:
-    return join([f"{name.partition('.')[2] or name} = {trim_zeros(v)}" for name, v in values.items()], ", ")
+def _format_values(rival: Rival) -> Html:
+    return join(
+        [
+            f"{name.partition('.')[2] or name} = {trim_zeros(value)} {format_unit(rival.units.get(name, ''))}".rstrip()
+            for name, value in rival.values.items()
+        ],
+        ", ",
+    )

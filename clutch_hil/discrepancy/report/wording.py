@@ -93,7 +93,7 @@ def make_verdict_sentence(result: Result) -> str:
     if result.verdict == IDENTIFY_FIRST and result.recalibration:
         shown = result.recalibration.moved[:_MOST_MOVED]
         moved = list_words([one.name for one in shown])
-        how = "beyond what is stated" if all(one.sigmas > 1.0 for one in shown) else "most"
+        how = "beyond their stated uncertainties" if all(one.sigmas > 1.0 for one in shown) else "most"
         return (
             f"Identify the rig first (confidence {sure}): another calibration explains"
             f" {format_percent(result.recalibration.closed, 1)} of the disagreement; {moved} move {how}."

@@ -181,9 +181,9 @@ def _make_rejected_rivals(most: float) -> list[Rival]:
             if closed > 0.02
             else "explains nothing more than chance does (p = 0.4)"
         )
-        result.append(
-            Rival(name, closed, 41000.0 * closed, catalogue.find_effect(name).list_typical_values(), reason, 1)
-        )
+        effect = catalogue.find_effect(name)
+        units = {f"{name}.{p.name}": p.unit for p in effect.parameters}
+        result.append(Rival(name, closed, 41000.0 * closed, effect.list_typical_values(), reason, 1, units))
     return result
 
 

@@ -167,6 +167,11 @@ def test_page_and_report_json_tell_the_same_numbers(folder, pages):
     assert not [row for row in rows if not _follow(row, message)]
 
 
+def test_fitted_values_of_rivals_have_units(pages):
+    assert "width = 0.06 bar" in pages[NAMED]
+    assert "load_lag = 5 ms" in pages[NAMED]
+
+
 @pytest.mark.parametrize("kind", list(_TEXTS))
 def test_numbers_are_rounded_and_not_wrong(kind, pages):
     for exact, text in Content(pages[kind]).numbers:

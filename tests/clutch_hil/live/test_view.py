@@ -266,7 +266,7 @@ def test_a_port_that_is_taken_is_refused() -> None:
         taken.listen()
         port = taken.getsockname()[1]
         assert find_refusal_of_process("--headless", "--port", port).startswith(
-            f"error: port {port} on 127.0.0.1 is taken"
+            f"error: port {port} on 127.0.0.1 is in use"
         )
 
 
@@ -280,6 +280,8 @@ def test_a_port_that_is_taken_is_refused() -> None:
             ["--headless", "--memory", "much"],
             "memory 'much' is not possible; allowed are for example 500MB, 2GB and 25%",
         ),
+        (["--headless", "--port", "0"], "port 0 is not possible; allowed is 1 to 65535"),
+        (["--headless", "--port", "65536"], "port 65536 is not possible; allowed is 1 to 65535"),
         (["--address", "127.0.0.2"], "--address 127.0.0.2 was given without --web"),
         (["--save", "run.rrd", "--web-port", "9090"], "--web-port 9090 was given without --web"),
         (["--save", "run.rrd", "--no-open"], "--no-open was given without --web"),
