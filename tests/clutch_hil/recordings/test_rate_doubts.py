@@ -234,7 +234,7 @@ def test_a_draft_proposes_the_rate_that_the_file_states(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "step", "line"),
     [
-        ("x", 0.01, 'time_s = { from = "x", unit = "s" }  # the file tells no unit of time: check that it is s'),
+        ("x", 0.01, 'time_s = { from = "x", unit = "s" }  # the file states no unit of time: check that it is s'),
         (
             "x",
             0.33,
@@ -243,7 +243,7 @@ def test_a_draft_proposes_the_rate_that_the_file_states(tmp_path: Path) -> None:
         (
             "X_Value",
             0.33,
-            'time_s = { from = "X_Value", unit = "s" }  # the file tells no unit of time: check that it is s',
+            'time_s = { from = "X_Value", unit = "s" }  # the file states no unit of time: check that it is s',
         ),
     ],
 )

@@ -35,7 +35,7 @@ def test_several_numbers_may_stand_for_no_value(tmp_path: Path) -> None:
 def test_a_number_that_stands_for_no_value_is_told_before_a_filter_spreads_it(tmp_path: Path, file: str) -> None:
     text = make_table().replace(f",{TORQUE[20]:.4f},", ",-9999,")
     assert "torque_nm is -9999 in 1 row" in convert_run(read(tmp_path, text, file))
-    assert "movement of all others" not in convert_run(read(tmp_path, make_table(), file))
+    assert "away from all other values" not in convert_run(read(tmp_path, make_table(), file))
 
 
 def test_a_column_with_another_decimal_mark_is_told_as_such(tmp_path: Path) -> None:

@@ -293,7 +293,7 @@ def test_several_benches_must_be_told_apart(
     with bench("local:two"):
         two = wait_for_bench(session, "local:two")
         assert two != running
-        with pytest.raises(InputError, match=r"there are \d+ benches: .*choose one with --bus"):
+        with pytest.raises(InputError, match=r"\d+ benches run: .*choose one with --bus"):
             find_bench(session)
         with Feed(session, two, live=True) as feed:
             batches = collect_batches(feed, lambda batches: count_rows(batches) > 100)
