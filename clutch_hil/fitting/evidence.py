@@ -5,6 +5,7 @@ Equation        r = (mean over a block of samples of (measured - predicted))/sig
                   at most 1.5 floor/sqrt(block): otherwise fast physics would count as noise
                   at least floor/sqrt(block): the rounding of a difference is small in the mean, but not random
                   at least the known `rounding` of a coarse converter, which block means do not reduce
+                  at least the accuracy of the simulation (`Output.accuracy`), for recordings with very little noise
                 times known to `timing` only: sigma^2 = sigma_b^2 + (timing dy/dt)^2, y the measured block means. The times
                   of fast events have such an error in a simulation by steps and on a rig. They would outweigh slow dynamics
                 start known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), n residuals of the run. This is r
@@ -150,7 +151,8 @@ class Evidence:
             estimates.append(
                 np.clip(estimate_noise(_average_blocks(run[column], block)), white, _MOST_COLOURED * white)
             )
-        return max(float(np.median(estimates)), self.rounding.get(column, 0.0))
+        accuracy = next(output.accuracy for output in self.model.outputs if output.column == column)
+        return max(float(np.median(estimates)), self.rounding.get(column, 0.0), accuracy)
 
     def find_part(self, run: int, column: str) -> slice:
         """Return the slice of a residual vector (size,) for an output in a run, given by its index."""

@@ -23,7 +23,8 @@ class Output:
     block: part of the rig to which an error of this output is attributed first. resolution: standard deviation of noise and
     rounding according to the data sheet, in `unit`, the lower limit of the noise floor; 0 if unknown. beginning: standard
     deviation, in floors, of the initial value where the model takes it from the run: a constant offset of this size in a run is
-    no disagreement.
+    no disagreement. accuracy: root mean square error of simulation and converter in
+    means over 4 ms, in `unit`, for recordings with very little noise: the lower limit of the noise of such means.
     """
 
     column: str
@@ -31,6 +32,7 @@ class Output:
     block: str
     resolution: float = 0.0
     beginning: float = 0.0
+    accuracy: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ NOISE = {  # 0.5 % of 3.4 bar, 17 Nm, 10 K; slip: encoder over a sample
 
 
 def record_runs(
-    hidden: Mapping[str, float], seed: int = 1, noise: Mapping[str, float] = NOISE
+    hidden: Mapping[str, float], seed: int = 1, noise: Mapping[str, float] = NOISE, model: WetClutch | None = None
 ) -> list[dict[str, np.ndarray]]:
     """Three runs: engagements, pressure triangles, a pressure multisine, all at changing slip, with effects `hidden`."""
     t = np.arange(0.0, SECONDS, PERIOD)
     triangle = 2.0 * np.abs((t / 2.0) % 1.0 - 0.5)
     sines = sum(np.sin(2.0 * np.pi * f * t + f) for f in (0.7, 1.3, 2.9, 5.3))
-    model, random = WetClutch(), np.random.default_rng(seed)
+    model, random = model or WetClutch(), np.random.default_rng(seed)
     baseline = {name: p.value for name, p in model.parameters.items()}
     runs = []
     for bar, speed, celsius in (

@@ -75,7 +75,10 @@ def test_a_bench_is_asked_while_it_runs_and_its_run_says_what_was_done(local_bus
         assert "fault of the bench: disk_slow delay 20 ms" in run_command("inject", "--list", "--bus", bench.bus).stdout
         done = run_command("inject", "disk_slow", "--off", "--bus", bench.bus)
         assert "verdict: disk_slow delay 20 ms: ended" in done.stdout
-        assert "verdict: none was on" in run_command("inject", "disk_slow", "--off", "--bus", bench.bus).stdout
+        assert (
+            "verdict: none of these faults was on"
+            in run_command("inject", "disk_slow", "--off", "--bus", bench.bus).stdout
+        )
         run_command("inject", "--process", "controller", "--signal", "stop", "--for", "0.1", "--bus", bench.bus)
         time.sleep(0.5)
         log = bench.stop().metadata["bench_faults"]
