@@ -92,7 +92,7 @@ def test_its_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str, t
 def test_what_it_lacks_is_told() -> None:
     with pytest.raises(InputError, match="rig small_clutch has no discrepancy model"):
         find_model("small_clutch")
-    with pytest.raises(InputError, match=r"scenario .*gentle\.toml is of the rig small_clutch, and --rig wet_clutch"):
+    with pytest.raises(InputError, match=r"scenario .*gentle\.toml is for the rig small_clutch, but --rig wet_clutch"):
         choose_scenario(SCENARIO, {}, "wet_clutch")
 
 

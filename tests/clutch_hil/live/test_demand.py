@@ -299,7 +299,7 @@ def test_a_clutch_that_did_not_lock_is_told() -> None:
     lock.add(True, "locked")
     assert (lock.locked, str(lock)) == (True, "locked after 0.02 s")
     lock.add(True, "sliding")
-    assert (lock.locked, str(lock)) == (False, "locked after 0.02 s, then no more")
+    assert (lock.locked, str(lock)) == (False, "locked after 0.02 s, later unlocked")
 
 
 @pytest.mark.parametrize(

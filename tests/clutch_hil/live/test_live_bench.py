@@ -87,7 +87,7 @@ def test_a_fault_is_raised_until_it_is_acknowledged(bench: ch.LiveBench) -> None
     bench.demand_torque(5.0)
     bench.wait(1.0)
     bench.inject(bias={"temperature": 100.0})  # K: with the oil at 70 degC beyond the guard's limit of 150 degC
-    with pytest.raises(ch.InputError, match=r"fault: .*; release\(\) acknowledges it"):
+    with pytest.raises(ch.InputError, match=r"fault: .*; acknowledge it with release\(\)"):
         bench.wait(2.0)
     with pytest.raises(ch.InputError, match="fault"):
         bench.demand_torque(5.0)

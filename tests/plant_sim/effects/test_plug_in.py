@@ -200,7 +200,7 @@ def test_a_law_of_the_rig_may_not_change_its_sensors(folder: Path) -> None:
 
 def test_an_effect_cannot_hide_parameters_of_the_rig(folder: Path) -> None:
     (folder / "valve.py").write_text(EXAMPLE, encoding="utf-8")
-    with pytest.raises(InputError, match="effect valve has the name of a group of the rig's own parameters;"):
+    with pytest.raises(InputError, match="effect valve has the name of a parameter group of the rig;"):
         wet_clutch.load_nominal()
 
 
