@@ -158,7 +158,7 @@ def test_who_stops_services_that_start_is_told_what_is_kept(monkeypatch: pytest.
     monkeypatch.setattr("clutch_hil.bench.services.list_command", lambda *arguments: ["sleep", "60"])
     with Stop() as stop, Services({"plant": []}) as services:
         stop.asked = True
-        with pytest.raises(InterruptionError, match="nothing was written, compiled kernels are stored"):
+        with pytest.raises(InterruptionError, match="nothing was written; compiled kernels are stored"):
             services.wait_for_rings(stop, lambda line: None)
 
 
