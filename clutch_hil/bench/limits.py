@@ -8,6 +8,7 @@ from typing import Any
 from clutch_hil.bench.measures import Columns
 from clutch_hil.bench.rig import Rig
 from protocols.errors import InputError
+from protocols.files.units import space_unit
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Limit:
         unit = self.rig.measure(self.measure).unit
         low = "" if self.least is None else f"{self.least:g} <= "
         high = "" if self.most is None else f" <= {self.most:g}"
-        return f"{low}{self.measure}{high}{'' if unit == '1' else f' {unit}'}"
+        return f"{low}{self.measure}{high}{space_unit(unit)}"
 
     def judge(self, columns: Columns) -> "Judgement":
         """Judge the `columns` of a run. A measure that is NaN violates every limit."""

@@ -25,6 +25,7 @@ from protocols.can.fault_text import watch_run
 from protocols.can.frames import list_bus_frames
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.files.long_run import open_run
+from protocols.files.units import space_unit
 
 
 class ShiftStatus(StatusLine):
@@ -98,7 +99,7 @@ def _describe_shift(measured: dict[str, Any]) -> list[str]:
     rows = []
     for name, value in measured.items():
         measure = MEASURES[name]
-        text = value if measure.words else f"{value:.4g} {'' if measure.unit == '1' else measure.unit}"
+        text = value if measure.words else f"{value:.4g}{space_unit(measure.unit)}"
         rows.append(f"{name:<{max(map(len, MEASURES))}}  {text:<12}  {measure.what}")
     return rows
 

@@ -16,6 +16,7 @@ from clutch_hil.bench.study import sweep
 from protocols.errors import InputError
 from protocols.files.output_file import whole_file
 from protocols.files.parameters import ParameterSet
+from protocols.files.units import space_unit
 
 _FOLLOWING = ("regime_error_nm", "rise_time_s")
 
@@ -98,4 +99,4 @@ def _format_spread(name: str, unit: str, values: np.ndarray) -> str:
     deviation = f" +- {known.std():.3f}" if len(known) > 1 else ""
     spread = f"{known.mean():.3f}{deviation}" if len(known) else "never"
     words = name.removesuffix(f"_{unit.lower()}").replace("_", " ")
-    return f"{words} {spread}{'' if unit == '1' else f' {unit}'}"
+    return f"{words} {spread}{space_unit(unit)}"

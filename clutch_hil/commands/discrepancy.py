@@ -95,6 +95,7 @@ def _format_result(result: "Result") -> str:
     """Format where runs and model disagree, or what an effect acts on, the fitted parameters, and the notes."""
     from clutch_hil.discrepancy.result import NAMED, ONE_OF
     from clutch_hil.fitting.run_checks import list_findings
+    from protocols.files.units import space_unit
 
     rows = [
         f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
@@ -108,7 +109,8 @@ def _format_result(result: "Result") -> str:
         else ["model and measurement disagree nowhere"]
     )
     fitted = [
-        f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
+        f"  {e.name} = {e.value:.5g}{space_unit(e.unit)}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})"
+        for e in result.parameters
     ]
     findings = list_findings(result.checks)
     checks = ["checks:", *(f"  {finding}" for finding in findings)] if findings else []

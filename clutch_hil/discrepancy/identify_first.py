@@ -23,6 +23,7 @@ from clutch_hil.discrepancy.result import Estimate
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.model import Model, find_calibration
 from clutch_hil.fitting.recalibration import Identifiable, recalibrate
+from protocols.files.units import space_unit
 
 _MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves at most this share is reported
 _FAR = 1.0  # stated uncertainties: a parameter that moved less is not reported
@@ -73,7 +74,7 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
     share = find_calibration(model)
     if recalibration and recalibration.explains:
         needed = [
-            f"{m.name} {abs(m.value - m.nominal) / share:.2g} {m.unit}".removesuffix(" 1")
+            f"{m.name} {abs(m.value - m.nominal) / share:.2g}{space_unit(m.unit)}"
             for m in recalibration.moved
             if m.uncertainty > 0.0 and abs(m.value - m.nominal) > share * m.uncertainty
         ]
@@ -86,7 +87,7 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
     notes = []
     for e in baseline:
         if e.uncertainty > 0.0 and abs(e.value - e.nominal) >= _AT_LIMIT * share * e.uncertainty:
-            unit = "" if e.unit == "1" else f" {e.unit}"
+            unit = space_unit(e.unit)
             remedy = (
                 "check this sensor" if e.name.startswith("sensors.") else "state a larger uncertainty, or identify it"
             )

@@ -21,6 +21,7 @@ from clutch_hil.discrepancy.result import Estimate, Result
 from protocols.errors import InputError
 from protocols.files.output_file import whole_file
 from protocols.files.parameters import Parameter, ParameterSet, load_overlay
+from protocols.files.units import space_unit
 
 _MOVED = 1e-6  # uncertainties: a baseline parameter that moved less stays as declared
 _NORMAL_95 = 1.959964  # standard deviations: half width of a 95 % interval
@@ -79,7 +80,7 @@ def _change(declared: Parameter, estimate: Estimate, source: str) -> Parameter:
 
 def _format_interval(estimate: Estimate) -> str:
     low, high = estimate.ci95
-    return f"95 % interval {low:.5g}..{high:.5g}" + ("" if estimate.unit == "1" else f" {estimate.unit}")
+    return f"95 % interval {low:.5g}..{high:.5g}{space_unit(estimate.unit)}"
 
 
 def _format_header(result: Result, data: str) -> list[str]:

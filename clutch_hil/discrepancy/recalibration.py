@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
+from protocols.files.units import space_unit
 
 # of what the effects leave: if a re-calibration leaves at most this share, the effects only imitate a calibration
 LEFT_BESIDE = 0.1
@@ -26,7 +27,7 @@ class Moved:
         return abs(self.value - self.nominal) / (self.uncertainty or _UNIT * abs(self.nominal) or 1.0)
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        unit = space_unit(self.unit)
         how = f"{self.sigmas:.1f} stated uncertainties" if self.uncertainty > 0.0 else "no uncertainty stated"
         return f"{self.name} {self.nominal:.4g} -> {self.value:.4g}{unit} ({how})"
 

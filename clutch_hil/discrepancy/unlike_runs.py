@@ -14,6 +14,7 @@ from clutch_hil.discrepancy.decision import DISAGREEMENT
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.model import Columns, Model, Output, Values
 from protocols.errors import join_names
+from protocols.files.units import space_unit
 
 _STANDARD_DEVIATIONS = 3.0  # of the mean square of white noise
 _MOST = 0.8  # of the power: where half of the runs or fewer hold as much, they are noted
@@ -57,7 +58,7 @@ def describe_held_out(
             error = float(np.sqrt(np.mean((run[output.column] - predicted[output.column]) ** 2)))
             errors[output] = max(errors.get(output, 0.0), error)
     worst = max(errors, key=lambda output: errors[output] / floors[output.column])
-    size, unit = errors[worst], "" if worst.unit == "1" else f" {worst.unit}"
+    size, unit = errors[worst], space_unit(worst.unit)
     return (
         f"{_list_runs(list(unseen))}, not fitted, cannot be predicted: {worst.column} is off by {size:.2g}{unit},"
         f" {size / floors[worst.column]:.2g} times its floor. The fitted runs do not show what acts there: fit such a run too"

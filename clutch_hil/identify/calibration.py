@@ -33,6 +33,7 @@ import numpy as np
 from clutch_hil.fitting.intervals import NORMAL_95
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.files.output_file import whole_file
+from protocols.files.units import space_unit
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Identified:
     def source(self) -> str:
         """Source of the value, for a parameter file."""
         low, high = self.interval
-        return f"identified, 95 % interval {low:.6g}..{high:.6g} {self.unit}"
+        return f"identified, 95 % interval {low:.6g}..{high:.6g}{space_unit(self.unit)}"
 
     def make_document(self) -> dict:
         """Return the parameter as a JSON document."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from clutch_hil.bench.progress import format_table
 from protocols.errors import InputError, join_names
+from protocols.files.units import space_unit
 from protocols.telemetry.keys import NODES, find_bus
 
 WHOLE = sys.maxsize  # characters of a line without a terminal: nothing is cut
@@ -159,7 +160,7 @@ def describe_parameter(name: str, entry: Mapping[str, Any]) -> str:
 
 def with_unit(text: str, unit: str) -> str:
     """Return `text` followed by its unit; the unit 1 is omitted."""
-    return text if unit == "1" else f"{text} {unit}"
+    return f"{text}{space_unit(unit)}"
 
 
 def format_step(old: float | None, new: float) -> str:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from protocols.errors import InputError, suggest_closest
-from protocols.files.units import to_si
+from protocols.files.units import space_unit, to_si
 from protocols.input_file import read_toml
 
 _FIELDS = ("value", "unit", "uncertainty", "bounds", "source")
@@ -46,7 +46,7 @@ class Parameter:
         to_si(self.value, self.unit)
         low, high = self.bounds
         if not (isfinite(self.value) and low <= self.value <= high):
-            unit = "" if self.unit == "1" else f" {self.unit}"
+            unit = space_unit(self.unit)
             raise InputError(f"parameter {self.name} = {self.value:g}{unit} breaks {low:g} <= value <= {high:g}")
         if not 0.0 <= self.uncertainty < inf:
             raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")

@@ -55,6 +55,11 @@ def from_si(value: float, unit: str) -> float:
     return (value - offset) / factor
 
 
+def space_unit(unit: str) -> str:
+    """Return a unit as it is written after a number: ` bar`; `` for a pure number."""
+    return "" if unit == "1" else f" {unit}"
+
+
 def have_same_quantity(unit: str, other: str) -> bool:
     """Return whether two units are of one quantity, so that values can be converted. Raises InputError for an unknown unit.
 

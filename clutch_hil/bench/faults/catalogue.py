@@ -8,6 +8,7 @@ from clutch_hil.bench.faults.bench_fault import BenchFault, Surroundings
 from clutch_hil.bench.faults.host_fault import HostFault
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import Parameter, ParameterSet
+from protocols.files.units import space_unit
 
 HOST_FAULTS: dict[str, type[HostFault]] = {
     fault.name: fault for fault in (*disk.FAULTS, *clock.FAULTS, *interface.FAULTS, *peers.FAULTS)
@@ -45,9 +46,7 @@ class PlannedHostFault(BenchFault):
     def what(self) -> str:
         """See `BenchFault`."""
         units = {p.name: p.unit for p in HOST_FAULTS[self.name].parameters}
-        words = [
-            f"{name} {value:g}{'' if units[name] == '1' else ' ' + units[name]}" for name, value in self.values.items()
-        ]
+        words = [f"{name} {value:g}{space_unit(units[name])}" for name, value in self.values.items()]
         return f"{self.name}{' ' if words else ''}{', '.join(words)}"
 
     def check(self, bus: str, telemetry: bool) -> None:

@@ -26,13 +26,11 @@ from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
 
+_SLIP, _TORQUE = "slip_speed_rad_s", "clutch_torque_nm"
 _LEAST_SLIP = 0.5  # rad/s: plates with less slip may stick, as in the steps of identification
 # s after such a slip: 14 times the lag of friction (docs/rig.md); with a lag a third longer, 3e-5 of the state is left
 _UNSEEN = 0.2
 _BEFORE = 5e-3  # s before it: the smoothing of the slip also uses later samples
-
-
-_SLIP, _TORQUE = "slip_speed_rad_s", "clutch_torque_nm"
 
 
 class ShaftClutch(WetClutch):
