@@ -29,7 +29,7 @@ from protocols.realtime.shared_folder import SharedFolder
 
 DATA_PORT = 9876  # rerun's default, for a stream
 PAGE_PORT = 9090  # rerun's default, for a browser
-_LAST_PORT = 65535
+_LAST_PORT = 65535  # of TCP: 16 bits
 _START_TIMEOUT = 30.0  # s for the process to listen, after a cold start from disk
 _POLL_PERIOD = 0.05  # s between checks
 _WINDOW_MEMORY = "1GB"  # of rows in the window's process: half an hour at 1 kHz and 60 signals; it needs 300 MB more

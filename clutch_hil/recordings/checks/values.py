@@ -200,7 +200,10 @@ def find_placeholders(run: Recorded) -> list[Finding]:
 
 
 def find_placeholder(values: np.ndarray, fewest: int = 2) -> tuple[str, np.ndarray]:
-    """What the number in `values` (n,) is that stands for no value, and its rows (m,): at least `fewest`, or none."""
+    """Return a text on the number in `values` (n,) that marks missing ones, and its rows (m,); "" and no rows without one.
+
+    fewest: rows with this number, of which a finding has at least so many.
+    """
     known = values[np.isfinite(values)]
     for value in (known.min(), known.max()) if len(known) else ():
         others = known[known != value]
