@@ -9,13 +9,11 @@ import errno
 import io
 import json
 import os
-import re
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, version
-from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 from types import FrameType
@@ -24,8 +22,9 @@ from typing import Any, NoReturn, cast
 import typer
 import typer.core
 
+from clutch_hil.usage_error import describe_usage_error, find_empty_word
 from protocols.entry_points import comes_with_bench, find_package, list_points, load_point
-from protocols.errors import InputError, InterruptionError, describe_error, suggest_closest
+from protocols.errors import InputError, InterruptionError, describe_error
 from protocols.files.output_file import whole_file
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
@@ -34,13 +33,6 @@ from protocols.realtime.stopping import list_heeded_signals
 
 _REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one takes effect
 _LAST_STREAM = 2  # number of the standard error
-# Plain words for errors of pydantic, by type
-_PLAIN = {
-    "float_parsing": "not a number",
-    "int_parsing": "not a whole number",
-    "bool_parsing": "neither true nor false",
-}
-_EXTRA_WORD = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*?)\)")
 INTERRUPTED = 130  # 128 + SIGINT, as in every shell
 UNREAD = 141  # 128 + SIGPIPE, as in every shell: the other end of a pipe, such as `head`, has ended
 # Hz. Below, a period of the 10 Hz pressure loop has fewer than five samples; above, a plant step is one integration step
@@ -210,7 +202,7 @@ class _OneSentence:
 
     def make_context(self, info_name: str | None, args: list[str], *positional: Any, **extra: Any) -> Any:
         """See typer: read the options of this command."""
-        if bad := _find_empty_word((info_name or "clutch-hil", *args)):
+        if bad := find_empty_word((info_name or "clutch-hil", *args)):
             raise InputError(f"{bad} is empty; give a value, or leave it out")
         with _usage_errors_as_sentences():
             return super().make_context(info_name, args, *positional, **extra)  # type: ignore[misc]
@@ -234,39 +226,7 @@ def _usage_errors_as_sentences() -> Iterator[None]:
     try:
         yield
     except _UsageError as error:
-        raise InputError(_describe_usage_error(error)) from None
-
-
-def _describe_usage_error(error: Any) -> str:
-    """Return one sentence that names the wrong option or argument, and its value where typer provides it."""
-    what = " ".join(error.format_message().split()).rstrip(".?").replace(". Did you mean", "; did you mean")
-    causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
-    if causes:
-        given, plain = causes[0]["input"], _PLAIN.get(causes[0]["type"], causes[0]["msg"])
-        what = what.replace("Invalid value for", f"Invalid value {given!r} for", 1).replace(causes[0]["msg"], plain)
-        if str(given).startswith("--") and error.ctx:  # typer takes an unknown option for the value of an argument
-            what = f"No such option: {given}; {_suggest_option(str(given), error.ctx.command)}"
-    what = _EXTRA_WORD.sub(r"Unexpected word: \1", what)
-    command = error.ctx.command_path if error.ctx else "clutch-hil"
-    return f"{command}: {what[0].lower()}{what[1:]}; {command} --help shows what is allowed"
-
-
-def _suggest_option(given: str, command: Any) -> str:
-    """Return what may be meant by the unknown option `given`: an argument of this name, or the closest options."""
-    names = {name for param in command.params for name in param.opts}
-    if (argument := given.removeprefix("--")) in names:
-        return f"{argument} is a value without a name before it"
-    return suggest_closest(given, [name for name in names if name.startswith("--")]).rstrip("?")
-
-
-def _find_empty_word(words: Sequence[str]) -> str | None:
-    """Return the first empty option or word after the name of the command; None if there is none."""
-    for before, word in pairwise(words):
-        if not word.strip():
-            return before if before.startswith("-") else f"a word after {before!r}"
-        if word.startswith("--") and word.endswith("="):
-            return word.removesuffix("=")
-    return None
+        raise InputError(describe_usage_error(error)) from None
 
 
 def make_application() -> typer.Typer:
