@@ -27,7 +27,8 @@ def discrepancy(
         [], "--holdout", metavar="RUN...", help="runs that are not fitted but used to check the result"
     ),
     rig: str = typer.Option(
-        "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder, one of yours, or PATH.py:CLASS"
+        "wet_clutch",
+        help="wet_clutch, power_shift.a or .b, position_axis, tribometer, pneumatic_cylinder, one of yours, or PATH.py:CLASS",
     ),
     model: Path | None = typer.Option(None, help="model file to begin from, as an earlier search wrote it"),
     calibration: str | None = typer.Option(

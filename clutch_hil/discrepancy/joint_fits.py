@@ -29,7 +29,8 @@ class JointFits:
     def weaken_outliers(self) -> Evidence:
         """Replace the evidence by one in which no output outweighs the others (`Evidence.with_tolerance`), and return it."""
         evidence = self.evidence.with_tolerance(self.base.residual)
-        factor = evidence.weights / self.evidence.weights
+        before = self.evidence.weights  # 0 in rows that the model does not predict
+        factor = np.divide(evidence.weights, before, out=np.ones_like(before), where=before > 0.0)
         self.evidence, same = evidence, self.start is self.base
         self.start, self.base = (
             replace(at, residual=factor * at.residual, jacobian=factor[:, None] * at.jacobian)
@@ -81,7 +82,7 @@ class JointFits:
             at.cost
             + _CONTRADICTION_WEIGHT
             * self.evidence.compute_contradiction(at.residual, self.base.residual)
-            * self.evidence.size
+            * self.evidence.count
         )
 
     def explain(self, at: LinearModel, count: int) -> Explanation:
@@ -91,7 +92,7 @@ class JointFits:
         return Explanation(
             self.base.cost,
             at.cost,
-            e.size,
+            e.count,
             count,
             *left,
             self.base.prior_chi2 - at.prior_chi2,

@@ -100,12 +100,12 @@ def _format_header(result: Result, data: str) -> list[str]:
 def _format_parameters(parameters: Iterable[Parameter]) -> list[str]:
     lines = []
     for group, members in groupby(sorted(parameters, key=_find_group), key=_find_group):
-        lines += ["", f"[{group}]"]
+        lines += ["", f"[{json.dumps(group) if '.' in group else group}]"]
         for p in members:
             entry = f"value = {p.value!r}, uncertainty = {p.uncertainty!r}, source = {json.dumps(p.source, ensure_ascii=False)}"
-            lines.append(f"{p.name.partition('.')[2]} = {{ {entry} }}")
+            lines.append(f"{p.name.rpartition('.')[2]} = {{ {entry} }}")
     return lines
 
 
 def _find_group(parameter: Parameter) -> str:
-    return parameter.name.partition(".")[0]
+    return parameter.name.rpartition(".")[0]

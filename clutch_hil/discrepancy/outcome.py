@@ -26,6 +26,7 @@ from clutch_hil.discrepancy.models.named import (
     select_evidence,
     set_calibration,
 )
+from clutch_hil.discrepancy.part_of_rig import name_as_rig, note_part, take_part
 from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.report import REPORT_FILES, write_report
 from clutch_hil.discrepancy.result import IDENTIFY_FIRST, NAMED, NONE_OF_THESE, ONE_OF, Result
@@ -99,7 +100,7 @@ class Discrepancy:
         shipped = declare_parameters(find_model(self.rig))
         begun_from = read_model(self.model, shipped) if self.model else None
         with whole_files(folder) as parts:
-            write_model(self.result, shipped, parts / _MODEL_FILE, begun_from)
+            write_model(name_as_rig(self.result, self.known), shipped, parts / _MODEL_FILE, begun_from)
             report = write_report(self.result, parts, regimes, command)
         return [*(folder / part.name for part in report), folder / _MODEL_FILE]
 
@@ -145,6 +146,7 @@ def find_discrepancy(
     _check_paths([*runs, *held_out])
     named = {f"number {k}" if isinstance(run, Run) else str(run): run for k, run in enumerate([*runs, *held_out], 1)}
     read = {name: run if isinstance(run, Run) else read_columns(Path(run)) for name, run in named.items()}
+    read = {name: take_part(models[0], name, run) for name, run in read.items()}
     known, missing = choose_model(models, read)
     evidence = {name: select_evidence(Path(name), run, known) for name, run in read.items()}
     hashes = {name: _compute_hash(run, evidence[name], known) for name, run in named.items()}
@@ -160,7 +162,7 @@ def find_discrepancy(
     overruled = ["hard checks were overruled by --force: the results below cannot be relied on"] if forced else []
     result = replace(
         result, hashes=hashes, holdout=list(held), model=str(changed) if changed else None, checks=findings, forced=forced,
-        notes=[*overruled, *missing, *list_findings(findings), *result.notes],
+        notes=[*overruled, *note_part(known), *missing, *list_findings(findings), *result.notes],
     )  # fmt: skip
     return Discrepancy(result, known, rig, changed)
 

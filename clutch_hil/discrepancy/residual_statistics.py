@@ -71,12 +71,13 @@ def _round_digits(value: float) -> float:
 
 def _find_correlation_time(parts: Sequence[np.ndarray]) -> float | None:
     """Return the time [s] in which the correlated part decays to 1/e; None where the residuals are white."""
-    most = min(len(parts[0]) // 2, 2000)
+    most = min(max(map(len, parts)) // 2, 2000)
     total = np.zeros(most)
     for part in parts:
         x = part - part.mean()
         spectrum = np.fft.rfft(x, 2 * len(x))
-        total += np.fft.irfft(np.abs(spectrum) ** 2)[:most]
+        count = min(most, len(x))  # a short run has no larger lags
+        total[:count] += np.fft.irfft(np.abs(spectrum) ** 2)[:count]
     if total[1] <= 0.02 * total[0]:  # white noise contributes to lag 0 only
         return None
     below = np.flatnonzero(total[1:] < total[1] / np.e)

@@ -65,11 +65,11 @@ class EffectSelection:
         self.final = base
         self.explanation = self.fits.explain(base, 0)
         self.progress("candidates", 0.1)
-        self.search = CandidateSearch(evidence, start, 0.5 * LEAST_GAIN * evidence.size)
+        self.search = CandidateSearch(evidence, start, 0.5 * LEAST_GAIN * evidence.count)
         ranked = self.search.screen(
             self.candidates, collect_starts(self.model, evidence, self.candidates, base.point, start.residual)
         )
-        hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * LEAST_GAIN * evidence.size]
+        hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * LEAST_GAIN * evidence.count]
         self._linear_costs = {f.name: f.cost for f in ranked}
         if not hopeful:
             return
@@ -222,7 +222,7 @@ class EffectSelection:
 
     def _extend_with_each(self, at: LinearModel, candidates: tuple[Candidate, ...]) -> list[Start]:
         """Return sets of `candidates`, fitted in `at`, with one more candidate each: those with the largest predicted gain."""
-        search = CandidateSearch(self.evidence, at, 0.5 * LEAST_GAIN * self.evidence.size, self.search.directions)
+        search = CandidateSearch(self.evidence, at, 0.5 * LEAST_GAIN * self.evidence.count, self.search.directions)
         promising = search.extend([c.name for c in candidates], _PARTNERS)
         parameters, effects = at.point
         return [((*candidates, fit.candidate), (parameters, {**effects, **fit.values})) for fit in promising]
@@ -295,7 +295,7 @@ class EffectSelection:
 
     def judge_rivals(self) -> list[Rival]:
         """Return every candidate with the reason why it is not named, "" if it is named."""
-        w, size = self.explanation, self.evidence.size
+        w, size = self.explanation, self.evidence.count
         best = {c.name for c in self.named} if w.is_sufficient else set()
         whole = max(w.gain + w.rest, LEAST_GAIN) * size  # whole excess
         rivals = []

@@ -26,7 +26,7 @@ def compute_powers(model: Model, runs: Sequence[Columns], point: Point, floors: 
     for run in runs:
         alone = Evidence(model, [run], floors, rounding)
         excess = alone.compute_excess(alone.compute_residuals([point])[0])
-        powers.append(max(excess - _STANDARD_DEVIATIONS * sqrt(2.0 / alone.size), 0.0))
+        powers.append(max(excess - _STANDARD_DEVIATIONS * sqrt(2.0 / alone.count), 0.0))
     return np.array(powers)
 
 

@@ -1,7 +1,8 @@
 """Evidence: residuals of measured runs and a model, in multiples of the noise floor.
 
 Equation        r = (mean over a block of samples of (measured - predicted))/sigma_b: unit variance for a correct model
-                sigma_b: noise floor of the block means (noise.py), median over the runs. It includes coloured noise
+                sigma_b: noise floor of the block means (noise.py), median over the runs with the same rate. It includes
+                  coloured noise
                   at most 1.5 floor/sqrt(block): otherwise fast physics would count as noise
                   at least floor/sqrt(block): the rounding of a difference is small in the mean, but not random
                   at least the known `rounding` of a coarse converter, which block means do not reduce
@@ -52,6 +53,7 @@ class Evidence:
     """Residuals of `runs` and a model, with the noise `floors` by output column. Raises InputError for no or too short runs.
 
     pieces: slice of a residual vector (size,) for each run. lengths [s]: duration of a block, by run.
+    count: number of residuals, without those that are always 0, because the model does not predict them (`Partial`).
     redundancy: number of neighbouring residuals that have the information of one about the calibration, 1 for slow sampling.
     rounding: root mean square of a coarse converter by column, in the unit of the output. timing [s]: uncertainty of times.
     """
@@ -77,10 +79,10 @@ class Evidence:
             np.concatenate([_average_blocks(run[c], b) for c in self.columns])
             for run, b in zip(self.runs, self.blocks, strict=True)
         ]
-        weights = {c: 1.0 / self._compute_block_noise(c) for c in self.columns}
+        weights = {(c, b): 1.0 / self._compute_block_noise(c, b) for c in self.columns for b in {*self.blocks}}
         self.weights = np.concatenate(
             [
-                np.full(len(run["time_s"]) // b, weights[c])
+                np.full(len(run["time_s"]) // b, weights[c, b])
                 for run, b in zip(self.runs, self.blocks, strict=True)
                 for c in self.columns
             ]
@@ -94,12 +96,17 @@ class Evidence:
         ends = np.cumsum([len(m) for m in self._measured])
         self.pieces = [slice(e - len(m), e) for e, m in zip(ends, self._measured, strict=True)]
         self.size = int(ends[-1])
+        self._counts = np.array(
+            [np.full(len(self.columns), len(r["time_s"]) // b) for r, b in zip(self.runs, self.blocks, strict=True)]
+        )
         if isinstance(model, Partial):
             for k, (run, block) in enumerate(zip(self.runs, self.blocks, strict=True)):
                 for column, unseen in model.find_unseen(run).items():
                     count = len(unseen) // block
                     whole = unseen[: count * block].reshape(count, block).any(axis=1)
                     self.weights[self.find_part(k, column)][whole] = 0.0
+                    self._counts[k, self.columns.index(column)] -= np.count_nonzero(whole)
+        self.count = max(int(self._counts.sum()), 1)
         self._noise = np.ones(len(self.columns))  # mean square by output of a residual that is only noise
 
     def _estimate_timing(self, run: Columns) -> float:
@@ -109,7 +116,7 @@ class Evidence:
     def with_tolerance(self, residual: np.ndarray) -> "Evidence":
         """Return a copy with lower weights of outputs whose baseline `residual` (size,) is far above the floor."""
         tolerant = copy(self)
-        counts = sum(self._count_residuals(k) for k in range(len(self.runs)))
+        counts = np.maximum(self._counts.sum(axis=0), 1)
         tolerant._noise = self._noise / (
             1.0 + _LAW_ERROR**2 * np.maximum(self._compute_excess_squares(residual).sum(axis=0), 0.0) / counts
         )
@@ -143,14 +150,14 @@ class Evidence:
             for column, factor in factors.items():
                 self.weights[self.find_part(k, column)] *= factor
 
-    def _compute_block_noise(self, column: str) -> float:
-        """Compute sigma_b of an output, in its unit."""
-        estimates = []
-        for run, block in zip(self.runs, self.blocks, strict=True):
-            white = self.floors[column] / np.sqrt(block)
-            estimates.append(
-                np.clip(estimate_noise(_average_blocks(run[column], block)), white, _MOST_COLOURED * white)
-            )
+    def _compute_block_noise(self, column: str, block: int) -> float:
+        """Compute sigma_b of an output, in its unit, in the runs that have `block` rows in a mean: those with the same rate."""
+        white = self.floors[column] / np.sqrt(block)
+        estimates = [
+            np.clip(estimate_noise(_average_blocks(run[column], block)), white, _MOST_COLOURED * white)
+            for run, own in zip(self.runs, self.blocks, strict=True)
+            if own == block
+        ]
         accuracy = next(output.accuracy for output in self.model.outputs if output.column == column)
         return max(float(np.median(estimates)), self.rounding.get(column, 0.0), accuracy)
 
@@ -162,30 +169,26 @@ class Evidence:
 
     def compute_excess(self, residual: np.ndarray) -> float:
         """Return the mean square of `residual` (size,) above the floor; an output below the floor counts as 0."""
-        return float(np.maximum(self._compute_excess_squares(residual).sum(axis=0), 0.0).sum()) / self.size
+        return float(np.maximum(self._compute_excess_squares(residual).sum(axis=0), 0.0).sum()) / self.count
 
     def compute_excess_by_run(self, residual: np.ndarray) -> np.ndarray:
         """Return the mean square (k,) above the floor in each run; negative below it."""
         return self._compute_excess_squares(residual).sum(axis=1) / [piece.stop - piece.start for piece in self.pieces]
 
     def compute_contradiction(self, residual: np.ndarray, before: np.ndarray) -> float:
-        """Return the sum of squares by which outputs of `residual` (size,) exceed floor and `before`, over its size.
+        """Return the sum of squares by which outputs of `residual` (size,) exceed floor and `before`, over its count.
 
         A true effect makes no output worse.
         """
         now, then = (np.maximum(self._compute_excess_squares(r).sum(axis=0), 0.0) for r in (residual, before))
-        return float(np.maximum(now - then, 0.0).sum()) / self.size
+        return float(np.maximum(now - then, 0.0).sum()) / self.count
 
     def _compute_excess_squares(self, residual: np.ndarray) -> np.ndarray:
         """Return the sum of squares above the floor (runs, outputs)."""
         squares = np.array(
             [[np.sum(residual[self.find_part(k, c)] ** 2) for c in self.columns] for k in range(len(self.runs))]
         )
-        return squares - [self._count_residuals(k) * self._noise for k in range(len(self.runs))]
-
-    def _count_residuals(self, run: int) -> np.ndarray:
-        """Return the number of residuals (outputs,) in a run."""
-        return np.full(len(self.columns), len(self.runs[run]["time_s"]) // self.blocks[run])
+        return squares - self._counts * self._noise
 
     def compute_residuals(self, points: Iterable[Point]) -> list[np.ndarray]:
         """Compute the residual vectors (size,) at several points; NaN for a run that cannot be simulated."""

@@ -9,6 +9,7 @@ import numpy as np
 from clutch_hil.recordings.checks.knowledge import Implied, Limits
 from plant_sim.effects.effect import Effect, Shape, Strength
 from protocols.files.parameters import Parameter, ParameterSet
+from protocols.files.run import Run
 
 Columns = Mapping[str, np.ndarray]  # columns by name, each (n,), one row per sample at a constant rate, with time_s
 Values = Mapping[str, float]  # parameters by dotted name, each in its declared unit
@@ -204,6 +205,28 @@ class Reducible(Protocol):
 
     def without(self, missing: Collection[str]) -> "Model":
         """Return the model without the outputs `missing`, some of `may_lack`."""
+        ...
+
+
+@runtime_checkable
+class PartOfRig(Protocol):
+    """A model of a part of a rig, such as one of its clutches, whose runs and parameters are those of the whole rig.
+
+    Columns and parameters of the model have names of its own. whole: name of the rig. `list_nominal_parameters` returns the
+    parameters of the whole rig, and the class takes them.
+    """
+
+    whole: str
+
+    def take_run(self, run: Run) -> Run:
+        """Return a run of the rig with the columns of the model.
+
+        Raises InputError for a run without these columns; the sentence begins after the name of the run.
+        """
+        ...
+
+    def name_in_whole(self, name: str) -> str:
+        """Return the name in the rig of the model's parameter `name`."""
         ...
 
 

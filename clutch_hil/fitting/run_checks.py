@@ -162,7 +162,24 @@ def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
     predicted = {output.column: np.asarray(shown[output.column], float) for output in model.outputs}
     for column, unseen in (model.find_unseen(run) if isinstance(model, Partial) else {}).items():
         predicted[column] = np.where(unseen, run[column], predicted[column])
-    return predicted if all(np.isfinite(values).all() for values in predicted.values()) else None
+    if not all(np.isfinite(values).all() for values in predicted.values()):
+        return None
+    return _continue_beginning(run, predicted)
+
+
+def _continue_beginning(run: Columns, predicted: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Return `predicted`, where a beginning that is the measured one is moved so that the prediction continues it.
+
+    A model may take the beginning of a run that was cut out of a longer one from the measurement. The jump to what it predicts
+    afterwards is no movement of the rig.
+    """
+    equal = np.logical_and.reduce([values == run[column] for column, values in predicted.items()])
+    if not equal[0] or equal.all():
+        return predicted
+    rows = int(np.argmin(equal))
+    near = slice(rows, rows + max(1, min(rows, len(equal) - rows)))
+    jumps = {c: np.mean((values - run[c])[near]) for c, values in predicted.items()}
+    return {c: np.concatenate([values[:rows] + jumps[c], values[rows:]]) for c, values in predicted.items()}
 
 
 def _find_latitude(model: Model) -> float:

@@ -26,6 +26,7 @@ from clutch_hil.fitting.run_checks import list_findings
 from clutch_hil.identify import driveline as shafts
 from clutch_hil.identify.behind_slip import FITTED_BEHIND_SLIP, drive_by_slip, fit_motor
 from clutch_hil.identify.calibration import Calibration, Identified
+from clutch_hil.identify.clutch_columns import COLUMNS, name_column, select_clutch_columns
 from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE, estimate_line
 from clutch_hil.identify.clutch_fit import Progress
 from clutch_hil.identify.controller_values import derive_controller_values
@@ -37,6 +38,7 @@ from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
 from clutch_hil.identify.run_evidence import Evidenced, read_evidence
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
 from clutch_hil.recordings.checks.finding import Finding
+from plant_sim.rigs.power_shift import NAME as RIG
 from plant_sim.rigs.power_shift import select_clutch_parameters
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError, join_names
@@ -44,15 +46,8 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.run import Run
 from protocols.node import load_node
 
-RIG = "power_shift"
-_OWN = {  # columns of a clutch: name on the wet-clutch rig -> name on this rig
-    "valve_voltage_v": "valve_voltage_{}_v", "cylinder_pressure_bar": "cylinder_pressure_{}_bar",
-    "shaft_angle_rad": "slip_angle_{}_rad", "oil_temperature_degc": "oil_temperature_{}_degc",
-    "clutch_torque_nm": "clutch_torque_{}_nm",
-}  # fmt: skip
 NEEDED = (  # required columns of a run
-    "time_s", "input_speed_demand_rad_s", "motor_torque_nm",
-    *(name.format(c) for c in CLUTCHES for name in (*_OWN.values(), "slip_speed_{}_rad_s")),
+    "time_s", "input_speed_demand_rad_s", "motor_torque_nm", *(name_column(n, c) for c in CLUTCHES for n in COLUMNS),
 )  # fmt: skip
 _EFFECTS = (PRESSURE, TORQUE, DELAY, DRAG)  # effects that are fitted for a clutch
 _OPENS = 0.01  # V: above it the valve opens; a hundredth of the voltage that moves a piston
@@ -176,9 +171,7 @@ def _split(evidence: Evidenced, clutch: str) -> Evidenced:
     for name, run in evidence.measured.items():
         if np.max(run[f"valve_voltage_{clutch}_v"]) < _OPENS:
             continue
-        own = {ours: run[theirs.format(clutch)] for ours, theirs in _OWN.items()}
-        recorded = {"time_s": run["time_s"], **own, "slip_speed_rad_s": run[f"slip_speed_{clutch}_rad_s"]}
-        measured[name] = drive_by_slip(recorded)
+        measured[name] = drive_by_slip(select_clutch_columns(run, clutch))
     if not measured:
         raise InputError(
             f"the runs do not open the valve of clutch {clutch}; needed are runs in which it carries torque"
@@ -272,7 +265,7 @@ def _compare(
 ) -> tuple[dict[str, Columns], dict[str, str], dict[str, float]]:
     """Return simulated columns by run, units, and root mean square residual over noise, by output with the rig's column
     names."""
-    names = {c: {column: _OWN[column].format(c) for column in part.units} for c, part in parts.items()}
+    names = {c: {column: name_column(column, c) for column in part.units} for c, part in parts.items()}
     units = {names[c][column]: unit for c, part in parts.items() for column, unit in part.units.items()}
     misfit = {names[c][column]: share for c, part in parts.items() for column, share in part.misfit.items()}
     simulated: dict[str, Columns] = {}

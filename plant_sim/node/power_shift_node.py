@@ -222,7 +222,7 @@ def _make_whole_name(name: str, clutch: str) -> str:
 
 
 RIG = PlantRig(
-    name="power_shift",
+    name=power_shift.NAME,
     node=PowerShiftNode,
     nominal=power_shift.load_nominal,
     load_profile=load_shift_profile,

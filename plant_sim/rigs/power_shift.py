@@ -36,6 +36,7 @@ from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
 
+NAME = "power_shift"  # of the rig, in runs, calibrations and options of commands
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "power_shift.toml"
 GRAVITY = 9.80665  # m/s^2, standard gravity, ISO 80000-3
 AIR_DENSITY = 1.204  # kg/m^3, dry air at 20 degC and 1013.25 hPa, ISO 2533
@@ -90,7 +91,7 @@ def load_nominal(changed: Path | None = None) -> ParameterSet:
         if not is_motor(name)
     }
     shipped = ParameterSet({**load_defaults(DEFAULTS), **shared, **clutches})
-    return load_overlay(changed, shipped, rig="power_shift") if changed else shipped
+    return load_overlay(changed, shipped, rig=NAME) if changed else shipped
 
 
 def select_clutch_parameters(parameters: ParameterSet, clutch: str) -> ParameterSet:

@@ -3,7 +3,7 @@
 Equation        valve, cylinder, piston, plates and oil as in `clutch_unit`; the slip is given at the samples, and is a straight
                 line between them
 Integration     as in `power_shift`, whose clutch this is
-Assumptions     the voltage is constant from sample to sample; the output shaft is fixed, the cylinder turns with the slip
+Assumptions     the voltage is constant from sample to sample; the speed of the cylinder is a straight line between the samples
 Not modelled    plates that stick: at a slip of 0 the friction state stays, and the torque is that state's. Effects between
                 motor and clutch (hook DRIVE)
 References      docs/rig.md; docs/power_shift.md
@@ -25,12 +25,14 @@ PRESSURE, TEMPERATURE, TORQUE = range(3)  # columns of what `run` returns
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run(state, states, voltage, slip, parameters, effects, period, substeps, driven, pressure, scales, shown):
+def run(
+    state, states, voltage, slip, cylinder_speed, parameters, effects, period, substeps, driven, pressure, scales, shown
+):
     """Simulate a run; write the outputs to `shown` (n, 3) in Pa, degC, Nm, and advance `state`, `states`.
 
-    state, states: fields of a `Whole`. voltage [V], slip [rad/s]: inputs (n,). effects: attachments of a table. period [s],
-    divided into `substeps`. driven: the cylinder pressure [Pa] is set to `pressure` (n,) at each sample. scales: physical value
-    of a volt, for pressure, temperature and clutch torque [Pa/V, K/V, Nm/V].
+    state, states: fields of a `Whole`. voltage [V], slip and cylinder speed [rad/s]: inputs (n,). effects: attachments of a
+    table. period [s], divided into `substeps`. driven: the cylinder pressure [Pa] is set to `pressure` (n,) at each sample.
+    scales: physical value of a volt, for pressure, temperature and clutch torque [Pa/V, K/V, Nm/V].
     """
     own, signals = parameters.copy(), np.zeros(1, SIGNALS)
     e = bind_laws(effects, states)
@@ -61,11 +63,14 @@ def run(state, states, voltage, slip, parameters, effects, period, substeps, dri
         shown[k, PRESSURE] = cylinder * scales[0]
         shown[k, TEMPERATURE] = kelvin * scales[1]
         shown[k, TORQUE] = clutch * scales[2]
-        step = (slip[k + 1] - slip[k]) / substeps if k + 1 < voltage.size else 0.0
+        step = turn = 0.0
+        if k + 1 < voltage.size:
+            step = (slip[k + 1] - slip[k]) / substeps
+            turn = (cylinder_speed[k + 1] - cylinder_speed[k]) / substeps
         for j in range(substeps):
             set_known(e, s, y)
             s.time = y.time + 0.5 * h
-            s.cylinder_speed = y.slip_speed
+            s.cylinder_speed = cylinder_speed[k] + j * turn
             plates = actuate(y, voltage[k], s, c, e, h)
             middle = slip[k] + (j + 0.5) * step
             viscosity = viscosity_ratio(y.temperature, c)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.rig import find_rig, list_rigs, list_rigs_with_model
-from clutch_hil.fitting.model import Columns, Completing, Demanding, Model
+from clutch_hil.fitting.model import Columns, Completing, Demanding, Model, PartOfRig
 from clutch_hil.identify.run_evidence import check_run_columns
 from clutch_hil.recordings.not_measured import find_source, read_not_measured
 from protocols.entry_points import list_entries, load_entry
@@ -47,7 +47,8 @@ def _make_model(made: Callable[..., Model], rig: str, changed: Path | None) -> M
     try:
         model = made()
         if changed:
-            model = made(load_overlay(changed, declare_parameters(model), rig=model.name))
+            of_rig = model.whole if isinstance(model, PartOfRig) else model.name
+            model = made(load_overlay(changed, declare_parameters(model), rig=of_rig))
     except InputError:
         raise
     except (Exception, SystemExit) as error:  # a user's class may raise anything
@@ -91,10 +92,11 @@ def list_required_columns(model: Model) -> tuple[str, ...]:
 def select_evidence(path: Path, run: Run, model: Model) -> Columns:
     """Return the columns of `run` that can be compared with the model; errors name it `path`. Raises InputError."""
     columns, rig = list_required_columns(model), run.metadata.get("rig")
-    if rig in list_rigs() and find_rig(rig).plant.clutches and not set(columns) <= set(run.columns):
+    completed = model.complete_run(run.columns) if isinstance(model, Completing) else run.columns
+    if rig in list_rigs() and find_rig(rig).plant.clutches and not set(columns) <= set(completed):
         raise InputError(
             f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"
-            " allowed are runs of one clutch"
+            f" {_suggest_parts(rig) or 'allowed are runs of one clutch'}"
         )
     outputs = {output.column for output in model.outputs}
     for name in (*model.inputs, *outputs):
@@ -103,14 +105,22 @@ def select_evidence(path: Path, run: Run, model: Model) -> Columns:
                 f"run {path}: {name} is {given[name]} by its import map, so it is not measured independently of"
                 f" {source}; compared are only columns with a measurement of their own"
             )
-    completed = model.complete_run(run.columns) if isinstance(model, Completing) else run.columns
     check_run_columns(path, completed, columns)
     return completed
 
 
+def _suggest_parts(rig: str) -> str:
+    """Return a sentence that names the models of parts of a rig, such as its clutches; "" if there are none."""
+    parts = [f"--rig {name}" for name in list_entries(GROUP) if name.startswith(f"{rig}.")]
+    return f"one of its clutches is compared by {' or '.join(parts)}" if parts else ""
+
+
 def _find_installed_class(name: str) -> Any:
     if name in list_rigs():
-        return find_rig(name).model
+        rig = find_rig(name)
+        if not rig.model_at and (parts := _suggest_parts(name)):
+            raise InputError(f"rig {name}{rig.of_two} has no discrepancy model; {parts}")
+        return rig.model
     if name in (others := list_entries(GROUP)):
         return load_entry(GROUP, "model", name)
     known = sorted((*list_rigs_with_model(), *others))

@@ -27,6 +27,7 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
 
 _SLIP, _TORQUE = "slip_speed_rad_s", "clutch_torque_nm"
+CYLINDER_SPEED = "cylinder_speed_rad_s"  # a column that a run may have; without it the cylinder turns with the slip
 _LEAST_SLIP = 0.5  # rad/s: plates with less slip may stick, as in the steps of identification
 # s after such a slip: 14 times the lag of friction (docs/rig.md); with a lag a third longer, 3e-5 of the state is left
 _UNSEEN = 0.2
@@ -69,18 +70,19 @@ class ShaftClutch(WetClutch):
         period = float(columns["time_s"][1] - columns["time_s"][0])
         voltage, slip = (np.ascontiguousarray(columns[name]) for name in self.inputs)
         slip = slip - values.get(SPEED, 0.0)  # the zero error of its sensor is not slip of the plates
+        cylinder = np.ascontiguousarray(columns[CYLINDER_SPEED]) if CYLINDER_SPEED in columns else slip
         pressure = voltage  # not used
         if driven:
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], SMOOTH / period), 0.0) * BAR
         logged, step = find_logged_rows(columns, period), period
         if logged:
-            voltage, slip, pressure = (logged.refine(one) for one in (voltage, slip, pressure))
+            voltage, slip, cylinder, pressure = (logged.refine(one) for one in (voltage, slip, cylinder, pressure))
             step = logged.period
         shown = np.empty((len(voltage), 3))
         start = find_initial_state(rig, columns, period, 0.0)
         by_pressure, by_temperature, _, by_torque = self._scales
         run(
-            start.y, start.effects, voltage, slip, rig.record, rig.table.attachments, step,
+            start.y, start.effects, voltage, slip, cylinder, rig.record, rig.table.attachments, step,
             count_substeps(rig, rate, step, self._step), bool(driven), pressure, (by_pressure, by_temperature, by_torque),
             shown,
         )  # fmt: skip

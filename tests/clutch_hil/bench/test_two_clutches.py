@@ -323,7 +323,7 @@ def test_the_model_of_one_clutch_is_not_compared_with_it(run_file: Path, tmp_pat
     message = find_refusal("discrepancy", run_file, "--out", tmp_path)
     assert message == (
         f"run {run_file} is a run of two clutches, of the rig power_shift, which the model wet_clutch does not describe;"
-        " allowed are runs of one clutch"
+        " one of its clutches is compared by --rig power_shift.a or --rig power_shift.b"
     )
 
 

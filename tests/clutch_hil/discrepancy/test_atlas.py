@@ -119,6 +119,17 @@ def test_the_order_of_a_ripple_and_the_correlation_of_channels_are_told(model):
     assert sentence["blocks_times_floor"]["friction: clutch_torque_nm"] > 3.0
 
 
+def test_runs_may_have_very_different_lengths(model):
+    long, other, cut = record_runs({"friction_level.level": 0.9})
+    short = {name: values[:1200] for name, values in cut.items()}  # 1.2 s beside 8 s
+    time = {
+        compute_statistics(model, runs, NOISE, list_baseline(), {})["outputs"]["clutch_torque_nm"]["autocorrelation_s"]
+        for runs in ([long, other, short], [short, other, long])
+    }
+    assert len(time) == 1
+    assert 0.05 < time.pop() < 4.0
+
+
 def test_another_rig_has_claims_by_its_own_inputs():
     axis = PositionAxis()
     t = np.arange(0.0, 12.0, 1e-3)

@@ -107,6 +107,16 @@ def test_residuals_of_the_true_model_have_unit_variance() -> None:
     assert evidence.compute_excess(residual) < 0.08
 
 
+def test_runs_of_different_rates_each_have_the_noise_of_their_means() -> None:
+    """A mean over 4 ms has four samples at 1 kHz, and one at 250 Hz."""
+    runs = list(make_runs({}).values())
+    slow = {name: values[::4] for name, values in record_run(4, {}, n=16000).items()}
+    for mixed in ([*runs, slow], [slow, slow, slow, runs[0]]):
+        evidence = Evidence(Amplifier(), mixed, estimate_floors(mixed, Amplifier.outputs))
+        (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
+        assert [np.mean(residual[piece] ** 2) for piece in evidence.pieces] == pytest.approx([1.0] * 4, abs=0.15)
+
+
 def test_what_is_sampled_slowly_tells_by_itself() -> None:
     """Within 0.4 s residuals tell as much as one: a hundred blocks of 4 ms, forty samples of 10 ms, one of a second."""
     run = record_run(1, {})

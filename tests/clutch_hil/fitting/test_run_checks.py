@@ -194,6 +194,18 @@ def test_a_held_out_run_is_checked_as_well() -> None:
         ch.find_discrepancy(make_runs(make_amplifier_runs()), make_runs([bad]), rig=MODEL)
 
 
+@pytest.mark.parametrize(("first", "rows"), [(1500, 1500), (2000, 1100)])
+def test_a_short_piece_of_a_run_in_operation_is_not_refused_for_the_jump_at_its_beginning(
+    first: int, rows: int
+) -> None:
+    """The model begins as measured, and then goes to its own, higher, torque: that is no movement that the run lacks."""
+    hidden = {"friction_level.level": 0.9}
+    whole, other = (ch.simulate(s, seed=1, plant=hidden, seconds=6.0) for s in ("engagement", "multisine"))
+    piece = {name: values[first : first + rows] for name, values in whole.columns.items()}
+    findings = check_evidence(WetClutch(), {"piece": piece, "whole": other.columns})
+    assert not [str(finding) for finding in findings if finding.hard]
+
+
 def test_rows_behind_a_fault_do_not_count() -> None:
     columns = [{**one, "controller_fault": np.where(one["time_s"] < 3.0, 0.0, 4.0)} for one in make_amplifier_runs()]
     for one in columns:
