@@ -162,8 +162,8 @@ def check_bench(bench: Bench, rig: str) -> Bench:
 class PredictedRuns(Evidence):
     """Predicted runs. They have no noise from which to estimate a floor of block means, so the noise is taken as white."""
 
-    def _compute_block_noise(self, column: str, block: int) -> float:
-        return float(self.floors[column] / np.sqrt(block))
+    def _compute_block_noise(self, column: str) -> list[float]:
+        return [float(self.floors[column] / np.sqrt(block)) for block in self.blocks]
 
 
 @dataclass(frozen=True)

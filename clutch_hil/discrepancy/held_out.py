@@ -9,6 +9,7 @@ from clutch_hil.discrepancy.result import Gap, Trace
 from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import LinearModel
 from clutch_hil.fitting.model import Model, Partial, Values
+from clutch_hil.fitting.noise import pool_noise
 
 # Of the power above the floor on runs that were not fitted: named effects that close less are doubtful. In the battery two of
 # 690 verdicts with a visible gap close less, and both names are right. A hidden elastic shaft, named presliding, closed 0.15
@@ -47,7 +48,7 @@ def measure_gaps(
 ) -> tuple[dict[str, Gap], dict[str, dict[str, Gap]]]:
     """Return root mean square errors over all `traces`: by output, and by output and regime; `floors` by output.
 
-    Rows that the model does not predict do not count.
+    Rows that the model does not predict do not count. The floor of a gap is the noise of these traces.
     """
     regimes = Regimes(model, [t.columns for t in traces], {n: p.value for n, p in model.parameters.items()})
     masks = [regimes(trace.columns) for trace in traces]
@@ -57,12 +58,13 @@ def measure_gaps(
         c = output.column
         errors = [(t.measured[c] - t.before[c], t.measured[c] - t.after[c]) for t in traces]
         seen = [_find_seen(model, trace, c) for trace in traces]
-        whole[c] = _measure_gap(errors, seen, floors[c])
+        floor = pool_noise([trace.measured[c] for trace in traces], floors[c])
+        whole[c] = _measure_gap(errors, seen, floor)
         by_name = {
             name: _measure_gap(
                 errors,
                 [m.get(name, np.zeros(len(own), bool)) & own for m, own in zip(masks, seen, strict=True)],
-                floors[c],
+                floor,
             )
             for name in names
         }

@@ -1,8 +1,8 @@
 """Evidence: residuals of measured runs and a model, in multiples of the noise floor.
 
 Equation        r = (mean over a block of samples of (measured - predicted))/sigma_b: unit variance for a correct model
-                sigma_b: noise floor of the block means (noise.py), median over the runs with the same rate. It includes
-                  coloured noise
+                sigma_b: noise floor of the block means (noise.py), median over the runs with the same rate; a run that is
+                  clearly noisier has its own. It includes coloured noise
                   at most 1.5 floor/sqrt(block): otherwise fast physics would count as noise
                   at least floor/sqrt(block): the rounding of a difference is small in the mean, but not random
                   at least the known `rounding` of a coarse converter, which block means do not reduce
@@ -32,7 +32,7 @@ from os import cpu_count
 import numpy as np
 
 from clutch_hil.fitting.model import Columns, Model, Partial, Timed, Values
-from clutch_hil.fitting.noise import estimate_noise
+from clutch_hil.fitting.noise import estimate_noise, estimate_own_noise
 from protocols.errors import InputError
 
 BLOCK = 4e-3  # s: see Assumptions
@@ -79,11 +79,11 @@ class Evidence:
             np.concatenate([_average_blocks(run[c], b) for c in self.columns])
             for run, b in zip(self.runs, self.blocks, strict=True)
         ]
-        weights = {(c, b): 1.0 / self._compute_block_noise(c, b) for c in self.columns for b in {*self.blocks}}
+        noise = {c: self._compute_block_noise(c) for c in self.columns}
         self.weights = np.concatenate(
             [
-                np.full(len(run["time_s"]) // b, weights[c, b])
-                for run, b in zip(self.runs, self.blocks, strict=True)
+                np.full(len(run["time_s"]) // b, 1.0 / noise[c][k])
+                for k, (run, b) in enumerate(zip(self.runs, self.blocks, strict=True))
                 for c in self.columns
             ]
         )
@@ -150,16 +150,24 @@ class Evidence:
             for column, factor in factors.items():
                 self.weights[self.find_part(k, column)] *= factor
 
-    def _compute_block_noise(self, column: str, block: int) -> float:
-        """Compute sigma_b of an output, in its unit, in the runs that have `block` rows in a mean: those with the same rate."""
-        white = self.floors[column] / np.sqrt(block)
-        estimates = [
-            np.clip(estimate_noise(_average_blocks(run[column], block)), white, _MOST_COLOURED * white)
-            for run, own in zip(self.runs, self.blocks, strict=True)
-            if own == block
-        ]
+    def _compute_block_noise(self, column: str) -> list[float]:
+        """Compute sigma_b of an output for each run, in its unit."""
+        floor = self.floors[column]
+        own = [estimate_own_noise(run[column], floor) for run in self.runs]
+        estimates = np.array([
+            np.clip(
+                estimate_noise(_average_blocks(run[column], block)), floor / np.sqrt(block),
+                _MOST_COLOURED * noise / np.sqrt(block),
+            )
+            for run, block, noise in zip(self.runs, self.blocks, own, strict=True)
+        ])  # fmt: skip
+        usual, blocks = np.array(own) == floor, np.array(self.blocks)
         accuracy = next(output.accuracy for output in self.model.outputs if output.column == column)
-        return max(float(np.median(estimates)), self.rounding.get(column, 0.0), accuracy)
+        least = max(self.rounding.get(column, 0.0), accuracy)
+        return [
+            max(float(np.median(estimates[usual & (blocks == blocks[k])]) if usual[k] else estimates[k]), least)
+            for k in range(len(self.runs))
+        ]
 
     def find_part(self, run: int, column: str) -> slice:
         """Return the slice of a residual vector (size,) for an output in a run, given by its index."""

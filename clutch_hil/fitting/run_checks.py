@@ -20,7 +20,7 @@ from clutch_hil.fitting.model import (
     Timed,
     find_calibration,
 )
-from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.fitting.noise import estimate_floors, estimate_own_noise
 from clutch_hil.fitting.recalibration import Identifiable
 from clutch_hil.recordings.checks.baseline import is_turned
 from clutch_hil.recordings.checks.every_check import check_run, check_runs
@@ -34,8 +34,9 @@ from protocols.errors import InputError
 _STANDARD_DEVIATIONS = 3.0  # standard deviations of the parameter with the largest relative uncertainty
 _MOST_LATITUDE = 4.0  # a parameter known to 100 %; for values near 0 the ratio has no meaning
 _ALONE = ("length", "range", "wrapped", "saturated")  # checks of a single column
-_OF_WHOLE_RUNS = ("logged", "derived")  # checks of all rows of a run
+_OF_WHOLE_RUNS = ("logged", "derived", "noisy")  # checks of all rows of a run
 _NEARLY = 1.01  # tolerance of a ratio: the period of a recording is known to its digits
+_NOISY = 1.5  # ratio of noises: below it the weights differ by a factor of 2 at most, which nobody needs to know
 _ROUNDING = 1e-6  # share of its range: noise floor of a column that is computed from other columns
 
 
@@ -60,7 +61,9 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             seen.append(Finding("derived", column, (0, len(run["time_s"]) - 1), text, False, name))
         seen += _judge_timing(model, name, run)
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
-        known |= _know_outputs(model, floors, predicted, limits, clipped)
+        own = {column: estimate_own_noise(run[column], floor) for column, floor in floors.items()}
+        seen += _note_noisy(name, run, floors, own)
+        known |= _know_outputs(model, own, predicted, limits, clipped)
         known |= _know_from_others(model, run)
         implied = model.imply_inputs(run, floors) if isinstance(model, Implying) and predicted else {}
         recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied, identification))
@@ -81,7 +84,8 @@ def check_without_baseline(model: Model, runs: Mapping[str, Columns]) -> list[Fi
         findings += [finding for finding in _judge_timing(model, name, run) if finding.hard]
         predicted = _predict(model, run) or {}
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
-        known |= _know_outputs(model, floors, predicted, limits)
+        own = {column: estimate_own_noise(run[column], floor) for column, floor in floors.items()}
+        known |= _know_outputs(model, own, predicted, limits)
         derived = _know_from_others(model, run)
         seen = check_run(Recorded(name, run, {**known, **derived}, tuple(model.inputs)))
         turned = {c for c, values in predicted.items() if not known[c].slow and is_turned(run[c], values)}
@@ -122,6 +126,18 @@ def _judge_timing(model: Model, name: str, run: Columns) -> list[Finding]:
         )
         text += f": log {0.5 / model.doubtful_timing:.0f} rows a second or more"
     return [Finding("logged", "time_s", (0, len(run["time_s"]) - 1), text, hard, name)]
+
+
+def _note_noisy(name: str, run: Columns, floors: Mapping[str, float], own: Mapping[str, float]) -> list[Finding]:
+    """Return a note on each output of a run whose noise `own` is much larger than `floors`, those of most runs."""
+    return [
+        Finding(
+            "noisy", column, (0, len(run["time_s"]) - 1),
+            f"has {own[column] / floor:.2g} times the noise of most runs, and counts for less", False, name,
+        )
+        for column, floor in floors.items()
+        if own[column] > _NOISY * floor
+    ]  # fmt: skip
 
 
 def _know_outputs(

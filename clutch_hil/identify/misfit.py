@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from clutch_hil.fitting.model import Columns
+from clutch_hil.fitting.noise import pool_noise
 from clutch_hil.identify.joint_fit import GOOD_FIT
 from protocols.errors import join_names
 
@@ -28,7 +29,13 @@ def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged:
     ]
 
 
-def measure_misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
-    """Return the root mean square residual of an output, in its unit, over the rows that the model predicts."""
+def measure_misfit(
+    column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns], floor: float
+) -> float:
+    """Return the root mean square residual of an output, in multiples of its noise, over the rows that the model predicts.
+
+    floor: noise of most runs, in the unit of the output.
+    """
     left = [run[column] - simulated[name][column] for name, run in measured.items()]
-    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2)))
+    noise = pool_noise([run[column] for run in measured.values()], floor)
+    return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2))) / noise

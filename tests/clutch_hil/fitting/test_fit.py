@@ -28,7 +28,7 @@ from clutch_hil.fitting.fit import (
     refit,
 )
 from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, Values
-from clutch_hil.fitting.noise import estimate_floors, estimate_noise
+from clutch_hil.fitting.noise import estimate_floors, estimate_noise, pool_noise
 from plant_sim.effects.effect import Shape, Strength
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
@@ -115,6 +115,32 @@ def test_runs_of_different_rates_each_have_the_noise_of_their_means() -> None:
         evidence = Evidence(Amplifier(), mixed, estimate_floors(mixed, Amplifier.outputs))
         (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
         assert [np.mean(residual[piece] ** 2) for piece in evidence.pieces] == pytest.approx([1.0] * 4, abs=0.15)
+
+
+def test_a_noisier_run_has_its_own_noise_and_a_quieter_one_that_of_the_others() -> None:
+    runs = list(make_runs({}).values())
+    for noise, power in ((3.0 * NOISE, 1.0), (0.2 * NOISE, 0.04)):
+        mixed = [*runs, record_run(4, {}, noise=noise)]
+        floors = estimate_floors(mixed, Amplifier.outputs)
+        evidence = Evidence(Amplifier(), mixed, floors)
+        (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
+        powers = [np.mean(residual[piece] ** 2) for piece in evidence.pieces]
+        assert powers == pytest.approx([1.0, 1.0, 1.0, power], abs=0.15)
+        pooled = np.sqrt(np.mean([NOISE**2] * 3 + [max(noise, NOISE) ** 2]))
+        assert pool_noise([run["output_v"] for run in mixed], floors["output_v"]) == pytest.approx(pooled, rel=0.05)
+
+
+def test_a_vibration_in_one_run_is_not_all_taken_for_its_noise() -> None:
+    """At 120 Hz third differences take a part of it for noise; means over 4 ms still show it."""
+    runs = list(make_runs({}).values())
+    vibrating = dict(record_run(4, {}))
+    vibrating["output_v"] = vibrating["output_v"] + 8.0 * NOISE * np.sin(2.0 * np.pi * 120.0 * vibrating["time_s"])
+    mixed = [*runs, vibrating]
+    floors = estimate_floors(mixed, Amplifier.outputs)
+    assert estimate_noise(vibrating["output_v"]) > 1.1 * floors["output_v"]
+    evidence = Evidence(Amplifier(), mixed, floors)
+    (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
+    assert np.mean(residual[evidence.pieces[3]] ** 2) > 2.0
 
 
 def test_what_is_sampled_slowly_tells_by_itself() -> None:

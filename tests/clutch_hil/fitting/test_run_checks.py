@@ -206,6 +206,18 @@ def test_a_short_piece_of_a_run_in_operation_is_not_refused_for_the_jump_at_its_
     assert not [str(finding) for finding in findings if finding.hard]
 
 
+def test_a_noisier_run_is_noted_and_its_samples_are_no_outliers() -> None:
+    """Noise 10 times as large as in the other runs: most of its samples are far from their neighbours."""
+    random = np.random.default_rng(1)
+    runs = {s: ch.simulate(profile=s, seed=1, seconds=6.0).columns for s in ("engagement", "multisine", "slip_sine")}
+    column = "oil_temperature_degc"
+    noisy = runs["slip_sine"][column] + random.normal(0.0, 1.0, len(runs["slip_sine"][column]))
+    findings = check_evidence(WetClutch(), {**runs, "slip_sine": {**runs["slip_sine"], column: noisy}})
+    (finding,) = findings
+    assert (finding.check, finding.column, finding.run, finding.hard) == ("noisy", column, "slip_sine", False)
+    assert finding.text == "has 9.9 times the noise of most runs, and counts for less"
+
+
 def test_rows_behind_a_fault_do_not_count() -> None:
     columns = [{**one, "controller_fault": np.where(one["time_s"] < 3.0, 0.0, 4.0)} for one in make_amplifier_runs()]
     for one in columns:
