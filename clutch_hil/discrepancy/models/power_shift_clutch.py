@@ -25,7 +25,7 @@ _SLIP = "slip_speed_rad_s"
 class PowerShiftClutch(ShaftClutch):
     """A clutch of the power-shift rig, with the names of columns, parameters and effects of the wet-clutch rig.
 
-    parameters: of the whole rig; nominal ones if None.
+    parameters: of the whole rig; nominal ones if None. Raises InputError for equal gear ratios.
     """
 
     whole = power_shift.NAME
@@ -35,7 +35,9 @@ class PowerShiftClutch(ShaftClutch):
     def __init__(self, parameters: ParameterSet | None = None) -> None:
         rig = parameters or power_shift.load_nominal()
         super().__init__(power_shift.select_clutch_parameters(rig, self.clutch))
-        self._ratios = [rig[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES]
+        self._ratios = a, b = [rig[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES]
+        if a == b:
+            raise InputError(f"driveline.ratio_a and driveline.ratio_b are both {a:g}; two gears must differ")
 
     @staticmethod
     def list_nominal_parameters() -> ParameterSet:

@@ -102,6 +102,12 @@ def test_the_cylinders_turn_with_the_input(worn: list[Run], model: type[PowerShi
     )  # 7.5 steps of an encoder in a sample
 
 
+def test_two_equal_gears_are_refused(tmp_path: Path) -> None:
+    (changed := tmp_path / "rig.toml").write_text("[driveline]\nratio_b = 3.0\n")
+    with pytest.raises(InputError, match=r"ratio_a and driveline\.ratio_b are both 3; two gears must differ"):
+        find_model("power_shift.a", changed)
+
+
 def test_what_an_import_map_computes_has_the_names_of_the_model() -> None:
     columns = {f"{name}_a_{unit}": np.zeros(3) for name, unit in (
         ("valve_voltage", "v"), ("cylinder_pressure", "bar"), ("slip_speed", "rad_s"), ("clutch_torque", "nm"),
