@@ -248,15 +248,14 @@ class Timed(Protocol):
 
 @runtime_checkable
 class Completing(Protocol):
-    """A model that can compute a missing column from others."""
+    """A model that can compute a missing column from others, or correct one."""
 
     def complete_run(self, run: Columns) -> Columns:
         """Return `run` with missing columns computed from others."""
         ...
 
-    def find_derived(self, run: Columns) -> Mapping[str, str]:
-        """Return the columns of a complete run that are no independent measurement, each with the column from which it is
-        computed."""
+    def describe_completed(self, run: Columns) -> Mapping[str, str]:
+        """Return the columns of a complete run that are not as recorded, each with a sentence that begins after its name."""
         ...
 
 

@@ -56,8 +56,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             text = "cannot be simulated by the baseline: check units and signs of the inputs in the import map"
             seen.append(Finding("input", model.inputs[0], (0, len(run["time_s"]) - 1), text, True, name))
             predicted = {}
-        for column, source in (model.find_derived(run) if isinstance(model, Completing) else {}).items():
-            text = f"is computed from {source}, not an independent measurement"
+        for column, text in (model.describe_completed(run) if isinstance(model, Completing) else {}).items():
             seen.append(Finding("derived", column, (0, len(run["time_s"]) - 1), text, False, name))
         seen += _judge_timing(model, name, run)
         known = {column: Knowledge(_find_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}

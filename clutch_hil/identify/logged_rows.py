@@ -21,7 +21,7 @@ from clutch_hil.fitting.noise import find_lattice
 _SLIP, _ANGLE = "slip_speed_rad_s", "shaft_angle_rad"
 # Column of the recorded slip in a run whose slip was replaced by the derivative of the angle
 RECORDED_SLIP = "recorded_slip_speed_rad_s"
-_LOOP = 1e-3  # s: rows closer than 1.5 of this count as every cycle; longest step of the linear commands
+LOOP = 1e-3  # s: rows closer than 1.5 of this count as every cycle; longest step of the linear commands
 _MOST_PARTS = 10  # most steps between two rows: for slower rows the steps are longer, so that memory stays bounded
 # Share of a sample: with less lag a slip is no mean over a sample; every second mean of a loop has a quarter
 _NEARER = 0.375
@@ -37,7 +37,7 @@ class LoggedRows:
 
     def __init__(self, columns: Columns, period: float, lag: float) -> None:
         self._rows, self._lag = len(columns["time_s"]), lag
-        self._parts = min(ceil(period / _LOOP - 1e-9), _MOST_PARTS)
+        self._parts = min(ceil(period / LOOP - 1e-9), _MOST_PARTS)
         self.period = period / self._parts  # s, time between the interpolated rows
         self._fine = np.arange((self._rows - 1) * self._parts + 1) / self._parts
         self._at = np.arange(self._rows, dtype=float)
@@ -58,7 +58,7 @@ class LoggedRows:
 
 def find_logged_rows(columns: Columns, period: float) -> LoggedRows | None:
     """Return the logger rows of a run; None where every cycle was recorded, or the run is not conclusive."""
-    if period < 1.5 * _LOOP or not {_SLIP, _ANGLE} <= set(columns):
+    if period < 1.5 * LOOP or not {_SLIP, _ANGLE} <= set(columns):
         return None
     slip, angle = columns.get(RECORDED_SLIP, columns[_SLIP]), columns[_ANGLE]
     loop = _find_loop(slip, angle, period)

@@ -12,6 +12,7 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.identify.shaft_angle import complete_angle
+from clutch_hil.identify.slip_lag import add_slip_lag
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from clutch_hil.recordings.checks.values import are_few, find_spikes
@@ -69,7 +70,7 @@ def read_evidence(
         if isinstance(given, Run):
             name, run = f"run {number}", given
             _check_rig(name, run, rig)
-            columns = complete_angle(run.columns)
+            columns = add_slip_lag(complete_angle(run.columns))
             counting = check_run_columns(Path(name), columns, needed, optional)
             hashes[name] = hashlib.sha256(
                 b"".join(np.ascontiguousarray(columns[c]).tobytes() for c in counting)
@@ -79,7 +80,7 @@ def read_evidence(
             if name in read:
                 raise InputError(f"run {given} was given twice; give it once")
             _check_rig(name, run := read_run(given, ()), rig)
-            columns = complete_angle(run.columns)
+            columns = add_slip_lag(complete_angle(run.columns))
             check_run_columns(Path(given), columns, needed, optional)
             hashes[name] = compute_checksum(Path(given))
         kept, cut = cut_at_fault(columns)

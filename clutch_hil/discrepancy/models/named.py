@@ -27,6 +27,7 @@ _RENAMED = {
     "evident": "find_evident_effects",
     "bench": "make_bench",
     "nominal": "list_nominal_parameters",
+    "find_derived": "describe_completed",
 }
 
 

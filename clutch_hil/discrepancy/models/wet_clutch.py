@@ -29,6 +29,7 @@ from clutch_hil.identify.logged_rows import estimate_timing, find_logged_rows
 from clutch_hil.identify.missing_torque import complete_torques
 from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
 from clutch_hil.identify.shaft_angle import complete_angle, integrate_slip, is_integrated
+from clutch_hil.identify.slip_lag import add_slip_lag, advance_slip, delay_slip, describe_slip_lag
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.signals import DRIVE
@@ -187,12 +188,16 @@ class WetClutch:
         return model
 
     def complete_run(self, run: Columns) -> Columns:
-        """See `Completing`: the shaft's angle of a rig without an encoder; a missing torque, by the balance of the motor."""
-        return complete_torques(complete_angle(run), self._whole["motor.inertia"].si)
+        """See `Completing`: the shaft's angle of a rig without an encoder; a missing torque, by the balance of the motor; the
+        lag of the slip."""
+        return complete_torques(add_slip_lag(complete_angle(run)), self._whole["motor.inertia"].si)
 
-    def find_derived(self, run: Columns) -> dict[str, str]:
+    def describe_completed(self, run: Columns) -> dict[str, str]:
         """See `Completing`."""
-        return {"shaft_angle_rad": "slip_speed_rad_s"} if is_integrated(run) else {}
+        texts = {"slip_speed_rad_s": describe_slip_lag(run)}
+        if is_integrated(run):
+            texts["shaft_angle_rad"] = "is computed from slip_speed_rad_s, not an independent measurement"
+        return {column: text for column, text in texts.items() if text}
 
     def make_bench(self) -> WetClutchBench:
         """See `experiment_design.Experimenting`."""
@@ -242,7 +247,7 @@ class WetClutch:
         if driven:
             width = SMOOTH / period
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
-            inputs += [pressure, gaussian_filter1d(columns["slip_speed_rad_s"], width)]
+            inputs += [pressure, gaussian_filter1d(advance_slip(columns), width)]
         else:
             inputs += inputs  # not used
         logged, step = find_logged_rows(columns, period), period
@@ -261,6 +266,8 @@ class WetClutch:
             slip = logged.take_slip(shown[:, SLIP], 0.5 * step)  # a mean over a step
             shown = logged.take(shown).copy()
             shown[:, SLIP] = slip
+        else:
+            shown[:, SLIP] = delay_slip(shown[:, SLIP], columns)
         predicted = {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
         return begin_as_measured(predicted, columns, period, limit)
 

@@ -22,6 +22,10 @@ _TOLD_SPAN = (
 )  # of an input's span, told outside: inch for m is 39; chosen, a rig of the model moves as it does
 _FROZEN = 0.5  # s of equal values: noise of an amplifier never leaves a converter on one step for 500 samples in motion
 _FROZEN_MOVE = 0.2  # of its whole movement: what the prediction moves, or is off, beside a frozen stretch
+# Turns of direction, as a share of the steps: white noise has two thirds; a simulated torque, which follows a controlled
+# pressure, had up to a fifth
+_SMOOTH_TURNS = 0.4
+_MOSTLY = 0.5  # share of rows: a clutch that touches later than its baseline rests a little longer
 _UNSEEN_FROZEN = (
     0.1  # share of rows with one value in a column that else moves; only told, where no prediction judges it
 )
@@ -121,6 +125,8 @@ def find_frozen(run: Recorded) -> list[Finding]:
         elif length * run.period >= _FROZEN and _moves_on(known, values[first], first, last):
             if known.clips and _is_at_end(values, values[first]):
                 continue  # saturated: see there
+            if _rests_without_noise(known, values, first, last):
+                continue
             other = f", or {known.limits.rest}" if known.limits.rest else ""
             text = (
                 f"keeps {values[first]:.6g} {known.unit} for {length * run.period:.3g} s while {known.source} moves on: the"
@@ -135,6 +141,19 @@ def _moves_on(known: Knowledge, value: float, first: int, last: int) -> bool:
     beside = known.predicted[first : last + 1]
     least = max(_FROZEN_MOVE * float(np.ptp(known.predicted)), MOVES * known.floor)
     return bool(np.ptp(beside) > least or abs(float(np.mean(beside)) - value) > least)
+
+
+def _rests_without_noise(known: Knowledge, values: np.ndarray, first: int, last: int) -> bool:
+    """Return whether a channel without noise, as of a simulation, rests in rows where its prediction mostly does, too.
+
+    Such a torque is exactly 0 while the clutch is open. With noise no channel keeps one value.
+    """
+    assert known.predicted is not None
+    near = np.abs(known.predicted[first : last + 1] - values[first]) <= MOVES * known.floor
+    steps = np.diff(np.concatenate([values[:first], values[last + 1 :]]))
+    steps = steps[steps != 0.0]
+    turns = float(np.mean(steps[1:] * steps[:-1] < 0.0)) if len(steps) > 1 else 0.0
+    return turns < _SMOOTH_TURNS and float(np.mean(near)) > _MOSTLY
 
 
 def _is_at_end(values: np.ndarray, value: float) -> bool:

@@ -1,0 +1,98 @@
+"""The slip of other rigs: at the instant of a row, filtered, or late; and recordings without noise, of other simulations."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+import clutch_hil as ch
+from clutch_hil.identify.slip_lag import SLIP_DELAY, SLIP_FILTER, add_slip_lag, delay_slip
+from protocols.files.run import Run
+
+SLIP, ANGLE = "slip_speed_rad_s", "shaft_angle_rad"
+MEASURED = (SLIP, "cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm", "oil_temperature_degc")
+PROFILES = ("engagement", "multisine", "stribeck_staircase")
+NOISE = 0.02  # rad/s
+WEAR = {"clearance_change.change": 0.3}
+
+
+def at_once(slip: np.ndarray) -> np.ndarray:
+    return slip
+
+
+def filtered(slip: np.ndarray) -> np.ndarray:
+    """Of first order, 50 Hz: a time constant of 3.18 ms."""
+    b, a = butter(1, 2.0 * 50.0 * 1e-3)
+    return slip[0] + lfilter(b, a, slip - slip[0])
+
+
+def late(slip: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.full(20, slip[0]), slip[:-20]])
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    return [ch.simulate(profile=name, seed=seed) for seed, name in enumerate(PROFILES)]
+
+
+def with_slip(run: Run, change: Callable[[np.ndarray], np.ndarray], noise: float = NOISE) -> Run:
+    """Return a run whose slip is the true one at each row, changed, with noise."""
+    true = run["truth_slip_speed_rad_s"]
+    shown = change(true) + noise * np.random.default_rng(1).standard_normal(len(true))
+    return replace(run, columns={**run.columns, SLIP: shown})
+
+
+@pytest.mark.parametrize(
+    ("change", "column", "later"),
+    [(at_once, SLIP_DELAY, -0.5e-3), (filtered, SLIP_FILTER, 3.1e-3), (late, SLIP_DELAY, 19.5e-3)],
+)
+def test_a_lag_is_found(runs: list[Run], change: Callable, column: str, later: float) -> None:
+    for run in runs:
+        seen = add_slip_lag(with_slip(run, change).columns)
+        assert {SLIP_DELAY, SLIP_FILTER} & set(seen) == {column}
+        assert seen[column][0] == pytest.approx(later, abs=0.1e-3)
+
+
+def test_the_slip_of_the_bench_and_a_noisy_one_stay_as_they_are(runs: list[Run]) -> None:
+    for run in runs:
+        assert add_slip_lag(run.columns) is run.columns
+        noisy = with_slip(run, at_once, noise=1.0).columns  # hides half a sample
+        assert add_slip_lag(noisy) is noisy
+
+
+def test_a_simulated_slip_gets_the_lag(runs: list[Run]) -> None:
+    for change in (at_once, filtered, late):
+        run = with_slip(runs[0], change, 0.0)
+        shown = delay_slip(runs[0][SLIP], add_slip_lag(run.columns))
+        assert np.std((shown - run[SLIP])[10:]) < 0.02  # the encoder's rounding is 0.016
+
+
+@pytest.mark.parametrize("bad", [np.zeros(0), np.zeros(1), np.zeros(50), np.full(2000, np.nan)])
+def test_nothing_is_said_of_runs_that_show_nothing(bad: np.ndarray) -> None:
+    columns = {"time_s": 1e-3 * np.arange(len(bad)), SLIP: bad, ANGLE: bad}
+    assert add_slip_lag(columns) is columns
+    assert add_slip_lag({"time_s": bad, SLIP: bad[:1], ANGLE: bad}).keys() == columns.keys()
+
+
+@pytest.mark.parametrize("change", [at_once, filtered, late])
+def test_nothing_is_missing_on_a_rig_whose_slip_lags(runs: list[Run], change: Callable) -> None:
+    outcome = ch.find_discrepancy([with_slip(run, change) for run in runs])
+    assert str(outcome).startswith("nothing missing")
+    assert "of a sample, and is simulated like this, as a" in outcome.result.notes[0]
+
+
+def make_exact(profile: str, effects: dict[str, float], angle: bool) -> Run:
+    """Return a run as another simulation would write it: exact values, without noise and converters."""
+    run = ch.simulate(profile=profile, plant=effects)
+    exact = {name: run[f"truth_{name}"] for name in MEASURED}
+    return replace(run, columns={n: v for n, v in {**run.columns, **exact}.items() if angle or n != ANGLE})
+
+
+@pytest.mark.parametrize("angle", [True, False])
+@pytest.mark.parametrize("effects", [{}, WEAR])
+def test_exact_values_of_another_simulation_are_compared(effects: dict[str, float], angle: bool) -> None:
+    """An open clutch has a torque of exactly 0, and a worn one is open for longer than its baseline: it is not frozen."""
+    outcome = ch.find_discrepancy([make_exact(name, effects, angle) for name in PROFILES])
+    assert outcome.result.effects == [*dict.fromkeys(name.partition(".")[0] for name in effects)], str(outcome)
