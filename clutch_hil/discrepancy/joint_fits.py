@@ -108,15 +108,16 @@ class JointFits:
 
     def _fit_set(self, candidates: tuple[Candidate, ...], point: Point, renewals: int) -> LinearModel:
         """Fit a set of candidates starting from `point`; the effects are linearised at most `renewals` times."""
+        residual = None
         for _ in range(renewals):
             free = [f for c in candidates for f in free_effect(c, point[1])]
-            own = linearise(self.evidence, point, free)
+            own = linearise(self.evidence, point, free, residual)
             jacobian = np.hstack([self.start.jacobian, own.jacobian])
             before = LinearModel(point, self.start.free + own.free, own.residual, jacobian, own.redundancy)
             if not np.isfinite(before.cost):  # the model cannot be simulated there
                 return before
             after = refit(self.evidence, before, 0)
-            point = after.point
+            point, residual = after.point, after.residual
             if before.cost - after.cost < _CONVERGED * max(self.base.cost - after.cost, 0.0):
                 break
         return after

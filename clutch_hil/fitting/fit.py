@@ -258,13 +258,17 @@ class Elimination:
         return columns.T @ columns - b.T @ solved, -columns.T @ left
 
 
-def linearise(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
+def linearise(
+    evidence: Evidence, point: Point, free: Sequence[FreeParameter], residual: np.ndarray | None = None
+) -> LinearModel:
     """Linearise the model of `evidence` at `point` in the parameters `free`, by finite differences.
+
+    residual: of `evidence` at `point`, (size,), if it is known, so that it is not simulated again.
 
     The step of a shape is shortened until its change is below a share of its effect's contribution. A ripple needs this: a
     small change of its order is a large change of its phase after many turns.
     """
-    first = evidence.compute_residuals([point])[0]
+    first = evidence.compute_residuals([point])[0] if residual is None else residual
     columns, free = _compute_differences(evidence, point, list(free), first)
     contributed: dict[str, float] = {}
     for f, column in zip(free, columns, strict=True):
@@ -322,7 +326,7 @@ def refit(evidence: Evidence, start: LinearModel, renewals: int = 1) -> LinearMo
         at = _follow(evidence, at)
         if renewal == renewals or first - at.cost < _LEAST_GAIN * max(at.cost, evidence.size):
             break
-        at = linearise(evidence, at.point, at.free)
+        at = linearise(evidence, at.point, at.free, at.residual)
     return at
 
 

@@ -68,5 +68,5 @@ def fit_to_end(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) 
         after = evidence.compute_excess(at.residual)
         if not before - after > LEAST_GAIN * after:
             break
-        at = linearise(evidence, at.point, free)
+        at = linearise(evidence, at.point, free, at.residual)
     return at

@@ -127,7 +127,7 @@ def fit_jointly(
     quick = settle(coarse, settled.point, stepped)
     progress(0.7)
     at = _polish(fine, linearise_past_jumps(fine, quick.point, stepped))
-    far = linearise_past_jumps(fine, at.point, middle)
+    far = linearise_past_jumps(fine, at.point, middle, at.residual)
     broad = far.jacobian * [one.scale / other.scale for one, other in zip(at.free, far.free, strict=True)]
     moved = np.array([at.find_value(f) - quick.find_value(f) for f in free])
     half, correlation = _compute_intervals(fine, at, broad)
@@ -156,22 +156,26 @@ def settle(
         at = _polish(evidence, at)
         if is_done(before, at):
             break
-        at = linearise_centrally(evidence, at.point, free)
+        at = linearise_centrally(evidence, at.point, free, at.residual)
     return at
 
 
-def linearise_centrally(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Linearise the model by central differences; one-sided where a step would cross a bound."""
-    above = linearise(evidence, point, free)
-    below = linearise(evidence, point, [replace(f, step=-f.step) for f in free])
+def linearise_centrally(
+    evidence: Evidence, point: Point, free: Sequence[FreeParameter], residual: np.ndarray | None = None
+) -> LinearModel:
+    """Linearise the model by central differences; one-sided where a step would cross a bound. residual: see `linearise`."""
+    above = linearise(evidence, point, free, residual)
+    below = linearise(evidence, point, [replace(f, step=-f.step) for f in free], above.residual)
     one_sided = ~np.any(below.jacobian, axis=0)  # all 0: the lower step crosses a bound and is not simulated
     mean = 0.5 * (above.jacobian + below.jacobian)
     return replace(above, jacobian=np.where(one_sided, above.jacobian, mean))
 
 
-def linearise_past_jumps(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Linearise by central differences, without the jumps of a few residuals. See Equation."""
-    at = linearise_centrally(evidence, point, free)
+def linearise_past_jumps(
+    evidence: Evidence, point: Point, free: Sequence[FreeParameter], residual: np.ndarray | None = None
+) -> LinearModel:
+    """Linearise by central differences, without the jumps of a few residuals. See Equation. residual: see `linearise`."""
+    at = linearise_centrally(evidence, point, free, residual)
     squares = at.jacobian**2
     few = np.partition(squares, -_FEW, axis=0)[-_FEW:].sum(axis=0) > _MOST_OF_FEW * squares.sum(axis=0)
     # Strengths of effects are excluded
@@ -179,7 +183,8 @@ def linearise_past_jumps(evidence: Evidence, point: Point, free: Sequence[FreePa
     if not doubtful:
         return at
     near = at.jacobian[:, doubtful]
-    wide = linearise_centrally(evidence, point, [replace(at.free[k], step=2.0 * at.free[k].step) for k in doubtful])
+    wider = [replace(at.free[k], step=2.0 * at.free[k].step) for k in doubtful]
+    wide = linearise_centrally(evidence, point, wider, at.residual)
     ways = np.stack([near, wide.jacobian, 2.0 * wide.jacobian - near])
     jacobian = at.jacobian.copy()
     jacobian[:, doubtful] = np.take_along_axis(ways, np.abs(ways).argmin(axis=0)[np.newaxis], axis=0)[0]
@@ -200,7 +205,7 @@ def fit_roughly(
         progress(1.0 - 0.5 ** (round_ + 1))
         if before - at.cost < _LEAST_GAIN:
             break
-        at = linearise(evidence, at.point, free)
+        at = linearise(evidence, at.point, free, at.residual)
     return at
 
 
