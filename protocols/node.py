@@ -1,12 +1,14 @@
 """Node: a participant of a bus. The same object runs on its own clock, in lock-step, or in one process with the other node."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from protocols.can.frames import Frame
 from protocols.entry_points import load_entry
+
+if TYPE_CHECKING:  # reading the DBC takes 0.2 s, which a process that only reads a file does not need
+    from protocols.can.frames import Frame
 
 
 class Column(NamedTuple):
@@ -36,11 +38,11 @@ class Node(Protocol):
         """
         ...
 
-    def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
+    def step(self, inbox: Sequence["Frame"], slots: int = 1) -> list["Frame"]:
         """Run one cycle with frames as objects: take `inbox`, and return the frames to send; see `run_cycle`."""
         ...
 
-    def list_safe_frames(self) -> list[Frame]:
+    def list_safe_frames(self) -> list["Frame"]:
         """Return the frames that leave the actuators safe; they are sent last."""
         ...
 

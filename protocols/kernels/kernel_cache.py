@@ -12,7 +12,6 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from protocols.kernels.compiling import keep_in_memory
@@ -97,6 +96,8 @@ def _is_writable(folder: Path) -> bool:
 
 def _list_packages(beside: Path) -> list[Path]:
     """Return the folders of the packages of the command, which are all in the folder `beside`."""
+    from importlib.metadata import entry_points  # takes 15 ms, and most processes do not come here
+
     points = [point for group in ("clutch_hil.commands", "clutch_hil.nodes") for point in entry_points(group=group)]
     names = {point.module.partition(".")[0] for point in points} | {__name__.partition(".")[0]}
     return [beside / name for name in sorted(names)]
