@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.signal import savgol_filter
 
 from protocols.errors import InputError
 
@@ -41,6 +40,8 @@ def compute_path(position: np.ndarray, period: float, flicker: float) -> Motion:
 def smooth(position: np.ndarray, period: float, window: float) -> Motion:
     """Return the motion at samples of `position` [m] (n,) with `period` [s], smoothed over a `window` [s]. Raises
     InputError."""
+    from scipy.signal import savgol_filter  # loading takes half a second of CPU
+
     length = max(2 * round(0.5 * window / period) + 1, _LEAST_SAMPLES)
     if position.size < length:
         raise InputError(f"position has {position.size} samples; the window of its derivative needs {length}")

@@ -16,7 +16,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -154,6 +153,8 @@ def filter_low_pass(
 
     what: name of the low pass in errors. Raises InputError.
     """
+    from scipy.signal import butter, sosfiltfilt  # loading takes half a second of CPU; few recordings are filtered
+
     if not limit < 0.5 * rate:
         raise InputError(f"{what} is {limit:g} Hz; allowed is below {0.5 * rate:g} Hz for {name} in {file}")
     low = butter(_FILTER_ORDER, limit / (0.5 * rate), output="sos")

@@ -7,7 +7,6 @@ Equation        delay = the shift with the largest correlation of measured and p
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Recorded
@@ -79,6 +78,8 @@ def _is_physical(measured: np.ndarray, predicted: np.ndarray, period: float, del
 
 def _leak(values: np.ndarray, period: float) -> list[np.ndarray]:
     """`values` (n,) as sensors show them whose charge leaks at _LEAK_RATES."""
+    from scipy.signal import lfilter  # loading takes half a second of CPU; only a delay needs it
+
     decays = np.exp(-np.array(_LEAK_RATES) * period)
     return [lfilter([0.5 * (1.0 + decay), -0.5 * (1.0 + decay)], [1.0, -decay], values) for decay in decays]
 
