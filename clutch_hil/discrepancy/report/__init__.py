@@ -10,14 +10,13 @@ evidence.rrd    measured, before and after for the viewer
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from clutch_hil.discrepancy.report.html_page import compose_page
-from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.residuals import Regimes, Residuals
-from clutch_hil.discrepancy.report.rrd import write_evidence
 from clutch_hil.discrepancy.result import Result
 from protocols.files.output_file import whole_file
+
+if TYPE_CHECKING:
+    from clutch_hil.discrepancy.report.residuals import Regimes
 
 JSON, PAGE, ATLAS, GAP, EVIDENCE, MODEL = (
     "report.json", "report.html", "atlas.png", "gap.png", "evidence.rrd", "model.toml",
@@ -25,12 +24,18 @@ JSON, PAGE, ATLAS, GAP, EVIDENCE, MODEL = (
 REPORT_FILES = (JSON, PAGE, ATLAS, GAP, EVIDENCE)  # the files that `write_report` writes
 
 
-def write_report(result: Result, folder: Path, regimes: Regimes | None = None, command: str = "") -> list[Path]:
+def write_report(result: Result, folder: Path, regimes: "Regimes | None" = None, command: str = "") -> list[Path]:
     """Write the report to `folder`, replacing an older one; return the paths of its files.
 
     regimes: returns samples (n,) by regime from the columns of a run, to mark them in pictures. command: the command line that
     made the result. Raises InputError naming a file that cannot be written.
     """
+    # loading takes a second of CPU; a search without a report, as in a program, does not need it
+    from clutch_hil.discrepancy.report.html_page import compose_page
+    from clutch_hil.discrepancy.report.pictures import Pictures
+    from clutch_hil.discrepancy.report.residuals import Residuals
+    from clutch_hil.discrepancy.report.rrd import write_evidence
+
     residuals = Residuals(result, regimes)
     pictures = Pictures(residuals)
     document = json.dumps(_convert_values(result.as_json()), indent=1, ensure_ascii=False, default=str, allow_nan=False)

@@ -153,7 +153,7 @@ def test_files_appear_together_or_not_at_all(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr("clutch_hil.discrepancy.report.write_evidence", interrupt)
+        patched.setattr("clutch_hil.discrepancy.report.rrd.write_evidence", interrupt)
         CliRunner().invoke(make_application(), ["discrepancy", *map(str, words)])
     assert not out.exists()
     assert invoke_command(*words).exit_code == 0
