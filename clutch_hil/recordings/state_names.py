@@ -4,13 +4,9 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import pyarrow as pa
-
-from clutch_hil.recordings.text.cells import Cells
 
 _MOST_TOLD = 5  # largest number of names in a note
 _LONGEST = 6  # largest number of digits in a name
-_CELLS = Cells()
 _FLAG_NUMBERS = ("0", "1")
 
 
@@ -19,11 +15,18 @@ def value_states(names: Sequence[str | None]) -> np.ndarray | None:
 
     Names for a missing value, such as an empty one, are NaN.
     """
-    given = [name for name in names if name is not None and not _CELLS.is_missing(name)]
-    numbers = all(_CELLS.is_number(name) for name in given)
-    if not given or not (numbers or all(_CELLS.is_flag(name) or name in _FLAG_NUMBERS for name in given)):
+    if not any(names):
         return None
-    return _CELLS.parse_flags(pa.array([name or "" for name in names], pa.string())).values
+    import pyarrow as pa  # loading takes 50 ms of CPU in each process that reads a file; few channels have names
+
+    from clutch_hil.recordings.text.cells import Cells
+
+    cells = Cells()
+    given = [name for name in names if name is not None and not cells.is_missing(name)]
+    numbers = all(cells.is_number(name) for name in given)
+    if not given or not (numbers or all(cells.is_flag(name) or name in _FLAG_NUMBERS for name in given)):
+        return None
+    return cells.parse_flags(pa.array([name or "" for name in names], pa.string())).values
 
 
 def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarray, str] | None:
