@@ -6,6 +6,7 @@ import signal
 import subprocess
 import threading
 import time
+from functools import cache
 from pathlib import Path
 
 import can
@@ -68,6 +69,7 @@ def await_frame(port: Port, frame: str, wanted) -> object:
     raise AssertionError(f"{frame} never came as wanted; last: {values}")
 
 
+@cache  # tests only compare with it
 def play_in_one_process(rate: int = 1000) -> Played:
     plant = PlantNode(rate=rate, profile=load_profile("engagement", SECONDS))
     return play(plant, load_node("controller")(rate=rate))
