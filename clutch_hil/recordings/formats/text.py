@@ -33,7 +33,7 @@ from clutch_hil.recordings.long_table import can_name_signals, make_refusal, nam
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
-from clutch_hil.recordings.text.column import ColumnReader, find_missing
+from clutch_hil.recordings.text.column import ColumnReader
 from clutch_hil.recordings.text.layout import Layout, find_layout
 from clutch_hil.recordings.text.lines import TextFile, looks_like_text
 from clutch_hil.recordings.text.rows import Rows, read_rows
@@ -109,7 +109,7 @@ class TextRecording:
                 )
             if calendar:
                 cells = table.column(str(date)).combine_chunks()
-                days[count : count + len(table)], _ = calendar.parse(cells, find_missing(cells, self._layout.cells))
+                days[count : count + len(table)], _ = calendar.parse(cells, self._layout.cells.find_missing(cells))
             count += len(table)
         if not date:
             self._check_dates([columns[number] for number in clocks])
@@ -272,6 +272,9 @@ class TextRecording:
         cells = [row[number - 1] for row in self._layout.samples]
         return all(other.is_number(cell) or other.is_missing(cell) for cell in cells)
 
+    def _choose_cells(self, number: int) -> Cells:
+        return self._layout.columns[number - 1].choose_cells(self._layout.cells)
+
     def _is_spare(self, channel: Channel) -> bool:
         """Whether a column is only a delimiter at the end of each row."""
         number = channel.number - 1
@@ -280,7 +283,7 @@ class TextRecording:
     def _find_epoch(self, number: int) -> str:
         """The unit of a column whose numbers count from 1970, by their size; "" for seconds, and for other columns."""
         first, last = self._layout.samples[0], self._layout.samples[-1]
-        ends = [self._layout.cells.read_number(row[number - 1]) for row in (first, last)]
+        ends = [self._choose_cells(number).read_number(row[number - 1]) for row in (first, last)]
         for unit, (least, most) in _EPOCHS.items():
             if unit != "s" and least < ends[0] < ends[1] < most:
                 name = self._layout.headings.texts[number - 1]
@@ -299,7 +302,8 @@ class TextRecording:
         if axis.kind == "time":
             (start, end), _ = self._find_clock(axis.number).parse(cells, pa.array([False, False]))
         else:
-            start, end = (to_si(value, simplify_unit(axis.unit)) for value in self._layout.cells.parse(cells).values)
+            values = self._choose_cells(axis.number).parse(cells).values
+            start, end = (to_si(value, simplify_unit(axis.unit)) for value in values)
         rate = (rows - 1) / (end - start) if end > start else nan
         return [replace(c, rate_hz=rate, start_s=start, end_s=end) for c in channels]
 
@@ -330,7 +334,8 @@ class TextRecording:
         written = self._layout.columns[number - 1].time
         if not written or not written.has_date:
             return False
-        return not any(":" in row[number - 1] for row in self._layout.samples[:_JUDGED_ROWS])
+        cells = [row[number - 1] for row in self._layout.samples[:_JUDGED_ROWS]]
+        return not any((match := re.fullmatch(written.pattern, cell)) and match.groupdict().get("H") for cell in cells)
 
 
 def _is_time(unit: str) -> bool:

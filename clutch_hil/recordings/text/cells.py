@@ -12,11 +12,13 @@ import pyarrow.compute as pc
 # what loggers, Excel, C libraries and people write where there is no value, in lower case
 _MISSING = (
     "", "nan", "-nan", "+nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#na", "null", "none", "nil", "-", "--", "---", "?", "*",
-    "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!", "#name?", "#null!", "1.#qnan", "-1.#ind", "1.#ind",
-    "nan(ind)", "-nan(ind)", "1.#snan", "missing", "invalid", "no data", "nodata", "<na>", "nat", "undef", "\u2013", "\u2014",
+    "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!", "#name?", "#null!",
+    "nan(ind)", "-nan(ind)", "missing", "invalid", "no data", "nodata", "<na>", "nat", "undef", "\u2013", "\u2014",
     "\u2212", "----", "-----", "-.-", "-.--", "--.--", "---.--", "***", "****", "*****", "####", "#####", "########",
-    "\u221e", "-\u221e", "+\u221e", "1.#inf", "-1.#inf", "+1.#inf",
+    "\u221e", "-\u221e", "+\u221e",
 )  # fmt: skip
+# What C of Microsoft writes where there is no number, with the places that were asked for: 1.#QNAN0, -1.#IND00, 1.#J
+_OF_MICROSOFT = r"[+-]?1[.,]#[a-z]+0*"
 _FLAGS = {
     **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero"), 1.0),
     **dict.fromkeys(("false", "no", "off", "falsch", "nein", "aus", "faux", "non", "falso"), 0.0),
@@ -28,17 +30,24 @@ _LONGEST_WITH_UNIT = 40  # characters of a number with its unit
 _NO_UNITS = ("am", "pm", "a.m.", "p.m.", "st", "nd", "rd", "th", "h", "d", "e", "f", "l", "x", "u", "b")
 _MINUS = "\u2212"  # the sign of typesetters
 _INFINITE = r"[+-]?[iI][nN][fF](?:[iI][nN][iI][tT][yY])?"
+# A minus as bookkeepers write it, (0.5), and as SAP does, 0.5-; a plus in its place
+_IN_BRACKETS, _SIGN_BEHIND = r"^\(\s*([0-9.,][^()+-]*)\)$", rf"^([0-9.,][^()+-]*)([+{_MINUS}-])$"
+_ACCOUNTED = re.compile(f"{_IN_BRACKETS}|{_SIGN_BEHIND}")
 GROUP_MARKS = (",", ".", "'", "\u2019", " ", "\u00a0", "\u202f", "_")  # that part thousands in some country
 
 
 @dataclass(frozen=True)
 class Parsed:
-    """A column's values (n,), not-a-number where missing; how many are missing; first row with a word, -1 for none, and it."""
+    """A column's values (n,), not-a-number where missing; how many are missing; first row with a word, -1 for none, and it.
+
+    accounted: whether the sign of a number is behind it, or is a pair of brackets.
+    """
 
     values: np.ndarray
     missing: int
     row: int = -1
     word: str = ""
+    accounted: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,11 +62,23 @@ class Cells:
     missing: tuple[str, ...] = ()
 
     def is_missing(self, cell: str) -> bool:
-        return cell.strip().lower() in self.absent
+        low = cell.strip().lower()
+        return low in self.absent or ("#" in low and re.fullmatch(_OF_MICROSOFT, low) is not None)
+
+    def find_missing(self, column: pa.Array) -> pa.Array:
+        """Which cells of a column stand for no value."""
+        low = pc.utf8_lower(pc.utf8_trim_whitespace(column))
+        return pc.or_(pc.is_in(low, pa.array(self.absent)), pc.match_substring_regex(low, f"^{_OF_MICROSOFT}$"))
 
     def is_number(self, cell: str) -> bool:
         """Whether the cell is a number without, or with the agreed, marks between thousands."""
+        if cell.endswith((")", "+", "-", _MINUS)) and (accounted := _ACCOUNTED.fullmatch(cell)):
+            cell = accounted[1] or accounted[2]
         return bool(self._plain.fullmatch(cell) or (self._grouped and self._grouped.fullmatch(cell)))
+
+    def is_accounted(self, cell: str) -> bool:
+        """Whether the cell is a number in brackets, as bookkeepers write one below zero."""
+        return cell.startswith("(") and self.is_number(cell)
 
     def is_hexadecimal(self, cell: str) -> bool:
         """Whether the cell can be a hexadecimal number, marked as one or not."""
@@ -84,16 +105,15 @@ class Cells:
     def parse(self, column: pa.Array) -> Parsed:
         """The numbers of a column of text."""
         text = pc.utf8_trim_whitespace(column)
-        if self.thousands:
-            text = self._ungroup(text)
-        if self.decimal != ".":
-            text = pc.replace_substring(pc.replace_substring(text, ".", "?"), self.decimal, ".")
         try:
-            return _count(text.cast(pa.float64()))
+            return _count(self._simplify_marks(text).cast(pa.float64()))
         except pa.ArrowInvalid:
             pass  # something is no number as it stands
-        missing = pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(self.absent))
-        text = pc.if_else(missing, None, text)
+        accounted = pc.any(pc.match_substring_regex(text, _ACCOUNTED.pattern)).as_py() is True
+        if accounted:
+            text = pc.replace_substring_regex(text, _IN_BRACKETS, "-\\1")
+            text = pc.replace_substring_regex(text, _SIGN_BEHIND, "\\2\\1")
+        text = pc.if_else(self.find_missing(column), None, self._simplify_marks(text))
         text = pc.replace_substring(
             pc.replace_substring_regex(text, "([0-9.])[dD]([+-]?[0-9]+)$", "\\1e\\2"), "\u2212", "-"
         )
@@ -109,12 +129,11 @@ class Cells:
             parsed = _count(
                 pa.array([None if cell is None else float(cell) for cell in text.to_pylist()], pa.float64())
             )
-        return Parsed(parsed.values, parsed.missing, row, word)
+        return Parsed(parsed.values, parsed.missing, row, word, accounted)
 
     def parse_hexadecimal(self, column: pa.Array) -> Parsed:
         """The whole numbers of a column that is hexadecimal."""
-        text = pc.utf8_trim_whitespace(column)
-        missing = pc.is_in(pc.utf8_lower(text), pa.array(self.absent))
+        text, missing = pc.utf8_trim_whitespace(column), self.find_missing(column)
         right = pc.match_substring_regex(text, f"^(?:{_HEXADECIMAL.pattern})$")
         row = pc.index(pc.or_(missing, right), False).as_py()
         good = pc.if_else(right, text, None).to_pylist()
@@ -127,6 +146,14 @@ class Cells:
         names = pa.array(list(_FLAGS))
         numbers = pa.array([f"{value:.0f}" for value in _FLAGS.values()])
         return self.parse(pc.coalesce(pc.take(numbers, pc.index_in(text, names)), text))
+
+    def _simplify_marks(self, text: pa.Array) -> pa.Array:
+        """Cells without marks between thousands, and with a point as decimal mark."""
+        if self.thousands:
+            text = self._ungroup(text)
+        if self.decimal != ".":
+            text = pc.replace_substring(pc.replace_substring(text, ".", "?"), self.decimal, ".")
+        return text
 
     def _ungroup(self, text: pa.Array) -> pa.Array:
         """Cells without the marks between thousands, where these stand as they must."""

@@ -2,6 +2,7 @@
 
 Digits of Arabic, Persian, Indian, Thai and full width; a full-width or Arabic decimal mark; dashes before a digit; thin blanks
 between digits; marks of direction, which nobody sees. In names letters stand beside digits, and these are left as they are.
+Marks with which spreadsheets say that a number is text: ="0.5", '0.5 and '0.5'.
 """
 
 import re
@@ -19,6 +20,19 @@ _RUN = rf"[0-9{_DIGITS}{_MARKS}.:/eE+\u2212-]"
 _NUMBER = re.compile(rf"(?<![^\W\d_])(?<!{_RUN}){_RUN}++(?![^\W\d_])")  # whole runs, without letters beside them
 _THIN = re.compile(f"(?<=[0-9])[{_BLANKS}](?=[0-9])")
 _DASH = re.compile(f'(?:(?<=[\\n;,\\t|"])|^)[{_DASHES}](?=[0-9])')
+_BEGIN, _END = rb"(?m)(?:(?<=[;,\t| ])|^)", rb"(?=[;,\t| \r]|$)"  # of a cell
+_FORMULA = re.compile(_BEGIN + rb'(?:"=""([^"\n]*)"""|="([^"\n]*)")' + _END)
+_QUOTED = re.compile(_BEGIN + rb"'([^'\"\n;\t|]*)'" + _END)
+_MARKED = re.compile(_BEGIN + rb"'([+-]?[0-9]+(?:[.,][0-9]+)*(?:[eE][+-]?[0-9]+)?)" + _END)
+
+
+def strip_marks_of_text(lines: bytes) -> bytes:
+    """Whole lines without the marks of spreadsheets around numbers, and with the usual quotes in place of single ones."""
+    if b'="' in lines:
+        lines = _FORMULA.sub(rb'"\1\2"', lines)
+    if b"'" in lines:
+        lines = _MARKED.sub(rb'"\1"', _QUOTED.sub(rb'"\1"', lines))
+    return lines
 
 
 def simplify_characters(text: str) -> str:

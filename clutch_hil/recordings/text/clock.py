@@ -62,7 +62,11 @@ _DIRECTIVES = {
     "Y": _YEAR, "y": r"(?P<y>[0-9]{2})", "m": _MONTH, "d": _DATE, "H": r"(?P<H>[0-9]{1,2})", "I": r"(?P<H>[0-9]{1,2})",
     "M": r"(?P<M>[0-9]{1,2})", "S": r"(?P<S>[0-9]{1,2})", "f": r"(?P<f>[0-9]{1,9})", "p": r"(?P<p>[AaPp])\.?[Mm]\.?",
     "b": _NAME, "B": _NAME, "z": r"(?P<z>Z|UTC|[+-][0-9]{2}:?[0-9]{2})", "j": r"(?P<j>[0-9]{1,3})", "%": "%",
+    "G": r"(?P<G>[0-9]{4})", "V": r"(?P<V>[0-9]{2})", "u": r"(?P<u>[1-7])",
 }  # fmt: skip
+# ISO weeks, 2026-W48-7, and days of the year of this and the last century: 2026-333 may be a number of something else
+_WEEK = r"(?P<G>[0-9]{4})-W(?P<V>[0-9]{2})-(?P<u>[1-7])"
+_ORDINAL = r"(?P<Y>(?:19|20)[0-9]{2})-(?P<j>[0-3][0-9]{2})"
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class TimeFormat:
 
     @property
     def has_date(self) -> bool:
-        return "(?P<d>" in self.pattern or "(?P<j>" in self.pattern
+        return any(f"(?P<{day}>" in self.pattern for day in "dju")
 
     def matches(self, cell: str) -> bool:
         return len(cell) <= _LONGEST and re.fullmatch(self.pattern, cell) is not None
@@ -104,6 +108,15 @@ _PLAIN = (
     TimeFormat(rf"{_YEAR}[年년]\s?{_MONTH}[月월]\s?{_DATE}[日일]{_CLOCK}", "year, month, day"),
     TimeFormat(rf"'(?P<y>[0-9]{{2}})[-/]{_MONTH}[-/]{_DATE}{_CLOCK}", "'year, month, day"),  # HIOKI
     TimeFormat(rf"{_YEAR}[-:/](?P<j>[0-9]{{3}})[T :/-]{_HMS}{_ZONE}", "year, day of the year"),
+    TimeFormat(rf"{_ORDINAL}{_CLOCK}", "year, day of the year"),
+    TimeFormat(rf"{_WEEK}{_CLOCK}", "ISO 8601, year, week, day of the week"),
+    TimeFormat(
+        r"(?P<G>[0-9]{4})W(?P<V>[0-9]{2})(?P<u>[1-7])"
+        r"(?:T(?P<H>[0-9]{2}):?(?P<M>[0-9]{2}):?(?P<S>[0-9]{2})(?:[.,](?P<f>[0-9]{1,9}))?"
+        + _ZONE
+        + ")?",
+        "ISO 8601, year, week, day of the week",
+    ),
     TimeFormat(
         r"(?P<D>[0-9]{1,3})[:/](?P<H>[0-9]{2}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})",
         "days:hours:minutes:seconds",
@@ -121,7 +134,8 @@ _PLAIN = (
 )  # fmt: skip
 _LIKE_A_DATE = re.compile(
     r"[0-9A-Za-z.,']+\s*[-/.\s]\s*[0-9A-Za-zäéû]+\s*[-/.,\s]+[0-9]+|[0-9]{8}[T ][0-9]{6}"
-)  # three parts: quick to look for
+    r"|[0-9]{4}-?W[0-9]{2}|[0-9]{4}-[0-9]{3}(?![0-9])"
+)  # three parts, a week or a day of the year: quick to look for
 _SLASHED = rf"([0-9]{{1,2}})([/-])([0-9]{{1,2}})[/-][0-9]{{4}}{_CLOCK}"
 _SHORT_YEAR = rf"[0-9]{{1,2}}[./-][0-9]{{1,2}}[./-][0-9]{{2}}{_CLOCK}"
 
@@ -184,7 +198,9 @@ def read_time_format(text: str) -> TimeFormat:
         names = {}
     year, month, day = "Y" in names or "y" in names, "m" in names or "b" in names, "d" in names
     dated = (year, month, day) == (True, True, True) or (year and "j" in names and not month and not day)
-    if not ("S" in names or "M" in names or dated) or not (dated or not (year or month or day or "j" in names)):
+    parts_of_date = {*"YymbdjGVu"} & {*names}
+    dated = dated or parts_of_date == {*"GVu"}
+    if not ("S" in names or "M" in names or dated) or not (dated or not parts_of_date):
         raise InputError(
             f"import map: file.time_format is {text!r}; allowed is one of each of %Y %m %d, or none of them, and of %H %M %S"
         )
@@ -267,7 +283,7 @@ def _convert_to_nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.
     if "n" in fields:
         value = np.where(pc.fill_null(pc.equal(fields["n"], "-"), False).to_numpy(zero_copy_only=False), -value, value)
     value = read_number("D") * _DAY + value
-    if "d" in fields or "j" in fields:
+    if fields.keys() & {"d", "j", "u"}:
         right &= hour < 25
         days, exists = _count_days(read_number, fields)
         value, right = value + days * _DAY, right & exists
@@ -278,17 +294,20 @@ def _convert_to_nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.
 
 def _count_days(number: Callable[..., np.ndarray], fields: dict[str, pa.Array]) -> tuple[np.ndarray, np.ndarray]:
     """Days since 1970 (n,) and whether there is such a day."""
-    year = number("Y", 1970)
+    year = number("G" if "G" in fields else "Y", 1970)
     if "y" in fields:
         year = number("y")
         year = year + np.where(year < 69, 2000, 1900)  # as POSIX has it
     exists = (year >= _YEARS[0]) & (year <= _YEARS[1])
     year = np.where(exists, year, 1970)
+    first = (year - 1970).astype("datetime64[Y]").astype("datetime64[D]")
     if "j" in fields:
-        day = number("j", 1)
-        return (year - 1970).astype("datetime64[Y]").astype("datetime64[D]").astype(np.int64) + day - 1, exists & (
-            day >= 1
-        )
+        days = first.astype(np.int64) + number("j", 1) - 1
+        return days, exists & _are_in(days, year)
+    if "u" in fields:
+        fourth = first.astype(np.int64) + 3  # 4 January is in week 1; 1 January 1970 was a Thursday
+        days = fourth - (fourth + 3) % 7 + 7 * (number("V", 1) - 1) + number("u", 1) - 1
+        return days, exists & _are_in(days - (days + 3) % 7 + 3, year)  # a week is of the year of its Thursday
     if "b" in fields:
         name = pc.utf8_lower(pc.fill_null(fields["b"], ""))
         name = pc.replace_substring(pc.replace_substring(name, "juin", "jun"), "juil", "jul")
@@ -305,6 +324,11 @@ def _count_days(number: Callable[..., np.ndarray], fields: dict[str, pa.Array]) 
     dates = months.astype("datetime64[D]") + (day - 1).astype("timedelta64[D]")
     exists &= dates.astype("datetime64[M]") == months
     return dates.astype(np.int64), exists
+
+
+def _are_in(days: np.ndarray, year: np.ndarray) -> np.ndarray:
+    """Whether days (n,) since 1970 are in their years (n,)."""
+    return np.asarray(days.astype("datetime64[D]").astype("datetime64[Y]").astype(np.int64) + 1970 == year)
 
 
 def _parse_offset(zone: pa.Array, rows: int) -> np.ndarray:

@@ -22,16 +22,19 @@ class ColumnReader:
     """Turns the cells of one column into values, and remembers what was missing."""
 
     def __init__(self, path: Path, channel: Channel, layout: Layout) -> None:
-        self._path, self._channel, self._cells = path, channel, layout.cells
+        self._path, self._channel = path, channel
         self._column = layout.columns[channel.number - 1]
+        self._cells = self._column.choose_cells(layout.cells)
         written = self._column.time
         self._clock = Clock(written) if written else None
-        self._missing = 0
-        first = layout.cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
+        self._missing, self._accounted = 0, False
+        first = self._cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
         self._whole: list[np.ndarray] | None = [] if first > EXACT else None
         plain = channel.kind == "number" and not self._column.hexadecimal
-        self._decimal = _Decimal(layout.cells.decimal) if layout.unsure and plain else None
-        self._exponent = _Exponent(layout.cells.decimal) if layout.asks_hexadecimal and plain else None
+        self._decimal = _Decimal(self._cells.decimal) if layout.unsure and plain and not self._column.decimal else None
+        found = plain and self._cells.thousands and layout.asks_thousands
+        self._groups = _Groups(self._cells) if found and self._cells.thousands in ",." else None
+        self._exponent = _Exponent(self._cells.decimal) if layout.asks_hexadecimal and plain else None
 
     @property
     def path(self) -> str:
@@ -50,7 +53,7 @@ class ColumnReader:
         if self._channel.kind == "text":
             return np.full(len(column), np.nan)
         if self._clock:
-            missing = find_missing(column, self._cells)
+            missing = self._cells.find_missing(column)
             values, bad = self._clock.parse(column, missing)
             self._missing += pc.sum(missing).as_py() or 0
             if bad >= 0:
@@ -61,12 +64,15 @@ class ColumnReader:
             return values
         if self._decimal:
             self._decimal.look(column)
+        if self._groups:
+            self._groups.look(column)
         if self._column.unit:
             column = pc.replace_substring_regex(column, rf"\s*{re.escape(self._column.unit)}\s*$", "")
         if self._exponent:
             self._exponent.look(column, lines)
         parsed = self._parse(column)
         self._missing += parsed.missing
+        self._accounted = self._accounted or parsed.accounted
         if parsed.row >= 0:
             self._refuse(parsed.word, lines(parsed.row), "no number", self._suggest(parsed.word))
         if self._whole is not None:
@@ -106,6 +112,13 @@ class ColumnReader:
         name, notes = self._channel.path, []
         if self._decimal and (cell := self._decimal.find_doubt()):
             raise make_doubt(self._path, cell, self._decimal.mark)
+        if self._groups and (cells := self._groups.find_doubt()):
+            raise InputError(
+                f"recording {self._path}: column {name!r} holds {cells[0]!r} and {cells[1]!r}, of which each mark may be the"
+                f" decimal one; correct it, or set thousands = {self._cells.thousands!r} in [file] where it parts thousands"
+            )
+        if self._column.decimal:
+            notes.append(f"{name}: {self._column.decimal!r} is its decimal mark, unlike that of other columns")
         if self._exponent and (doubt := self._exponent.find_doubt()):
             raise InputError(
                 f"recording {self._path}: column {name!r} holds {doubt[0]!r} in line {doubt[1]}, which may be hexadecimal, or"
@@ -117,14 +130,11 @@ class ColumnReader:
             notes.append(f"{name}: times ({self._clock.written.what}), counted in s from the first")
             if self._clock.midnights:
                 notes.append(f"{name}: passed midnight {self._clock.midnights} times, where a day was added")
+        if self._accounted:
+            notes.append(f"{name}: numbers in brackets, such as (0.5), or with a minus behind, 0.5-, are below 0")
         if self._missing:
             notes.append(f"{name}: {self._missing} of {rows} cells have no value")
         return notes
-
-
-def find_missing(column: pa.Array, cells: Cells) -> pa.Array:
-    """Which cells stand for no value."""
-    return pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(cells.absent))
 
 
 class _Exponent:
@@ -151,6 +161,37 @@ class _Exponent:
     def find_doubt(self) -> tuple[str, int] | None:
         """A cell that may be either, and its line; None where there is none."""
         return (self._cell, self._line) if self._cell and not self._sure else None
+
+
+class _Groups:
+    """Whether the mark between thousands of a file may be a second decimal mark of a column, as in 5.399, 5,399.
+
+    It parts thousands in a column that has a number with both marks, 1,234.5, or has no decimal mark at all.
+    """
+
+    def __init__(self, cells: Cells) -> None:
+        self._decimal, self._thousands = cells.decimal, cells.thousands
+        self._both = False
+        self._fraction = self._group = ""  # the first cell with either mark alone
+
+    def look(self, column: pa.Array) -> None:
+        """Look at some cells."""
+        if self._both:
+            return
+        parted, broken = (pc.match_substring(column, mark) for mark in (self._thousands, self._decimal))
+        self._both = bool(pc.any(pc.and_(parted, broken)).as_py())
+        self._fraction = self._fraction or _find_first(column, pc.and_not(broken, parted))
+        self._group = self._group or _find_first(column, pc.and_not(parted, broken))
+
+    def find_doubt(self) -> tuple[str, str] | None:
+        """A cell with a decimal mark and one with a mark that may be one; None where there is no doubt."""
+        return (self._fraction, self._group) if self._fraction and self._group and not self._both else None
+
+
+def _find_first(column: pa.Array, chosen: pa.Array) -> str:
+    """The first of the `chosen` cells, "" for none."""
+    row = pc.index(chosen, True).as_py()
+    return column[row].as_py().strip() if row >= 0 else ""
 
 
 class _Decimal:

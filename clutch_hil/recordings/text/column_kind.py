@@ -1,10 +1,11 @@
 """Kinds of the columns of a text file, by their cells, and whether a line is a row of such columns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from clutch_hil.recordings.text.cells import Cells
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format
+from clutch_hil.recordings.text.marks import tells_decimal
 from clutch_hil.recordings.unit_in_name import is_unit
 
 _TIME_SHARE = 0.9  # of the cells of a time column; the others are told when it is read
@@ -14,13 +15,19 @@ _TIME_SHARE = 0.9  # of the cells of a time column; the others are told when it 
 class Column:
     """kind: as of a Channel. time: how a column of kind "time" is written. unit: behind each number, as in `12.5 Nm`.
 
-    hexadecimal: whether its whole numbers are written so; of a column of text, whether they may be.
+    hexadecimal: whether its whole numbers are written so; of a column of text, whether they may be. decimal: its decimal mark,
+    where it is not that of the file, else "".
     """
 
     kind: str
     time: TimeFormat | None = None
     unit: str = ""
     hexadecimal: bool = False
+    decimal: str = ""
+
+    def choose_cells(self, cells: Cells) -> Cells:
+        """How the cells of this column are written, where those of the file are `cells`."""
+        return replace(cells, decimal=self.decimal, thousands="") if self.decimal else cells
 
 
 def judge_columns(rows: Sequence[Sequence[str]], width: int, cells: Cells, wanted: TimeFormat | None) -> list[Column]:
@@ -42,6 +49,8 @@ def _judge(present: Sequence[str], rows: int, cells: Cells) -> Column:
     Words and numbers in a few rows are remarks beside the rows, as Tektronix has its settings beside the first ones.
     """
     numbers = sum(map(cells.is_number, present))
+    if present and all(map(cells.is_accounted, present)):
+        return Column("text")  # brackets around all numbers are no signs, perhaps
     if present and all(map(cells.is_marked_hexadecimal, present)):
         return Column("number", hexadecimal=True)
     if _may_be_hexadecimal(present, cells):
@@ -53,7 +62,19 @@ def _judge(present: Sequence[str], rows: int, cells: Cells) -> Column:
     if unit := _find_unit(present, cells):
         return Column("number", unit=unit)
     written = find_time_format(present) or _count_most_times(present)
+    if not written and (mark := _find_other_mark(present, cells)):
+        return Column("number", decimal=mark)
     return Column("time", written) if written else Column("text")
+
+
+def _find_other_mark(present: Sequence[str], cells: Cells) -> str:
+    """The decimal mark of a column in which every cell is a number with another mark than the file's, "" for no such column.
+
+    It is none where all may be numbers with a mark between thousands, as 1,234.
+    """
+    other = replace(cells, decimal="," if cells.decimal == "." else ".", thousands="")
+    sure = present and all(map(other.is_number, present)) and tells_decimal([present], other)
+    return other.decimal if sure else ""
 
 
 def _count_most_times(present: Sequence[str]) -> TimeFormat | None:
@@ -89,7 +110,7 @@ def _fits(cell: str, column: Column, cells: Cells) -> bool:
         return cells.is_hexadecimal(cell)
     if column.unit:
         return cells.split_unit(cell)[1] == column.unit
-    return cells.is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
+    return column.choose_cells(cells).is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
 
 
 def _may_be_hexadecimal(present: Sequence[str], cells: Cells) -> bool:
@@ -117,4 +138,5 @@ def has_words(row: Sequence[str], width: int, columns: Sequence[Column], cells: 
 
 def follows(row: Sequence[str], before: Sequence[str], columns: Sequence[Column], cells: Cells) -> bool:
     """Whether the first number of a row is above that of the row `before`; of times of day this is not asked."""
+    cells = columns[0].choose_cells(cells)
     return columns[0].kind == "time" or cells.read_number(row[0]) > cells.read_number(before[0])

@@ -38,8 +38,8 @@ class Layout:
     """delimiter: RUNS for blanks. columns: by content, in the order of the file. first, last: lines of these rows, from 1.
 
     headings: names, units and what stands above them. samples: cells of rows. notes: what was found, a sentence each.
-    unsure: whether nothing in the samples tells the decimal mark from a mark between thousands. asks_hexadecimal: whether the
-    map leaves open which columns are hexadecimal.
+    unsure: whether nothing in the samples tells the decimal mark from a mark between thousands. asks_thousands,
+    asks_hexadecimal: whether the map leaves open the mark between thousands, and which columns are hexadecimal.
     """
 
     delimiter: str
@@ -51,6 +51,7 @@ class Layout:
     samples: Sequence[Sequence[str]]
     notes: list[str] = field(default_factory=list)
     unsure: bool = False
+    asks_thousands: bool = True
     asks_hexadecimal: bool = True
 
 
@@ -95,6 +96,7 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
         samples,
         [*_describe(file, delimiter, cells, headings), *notes],
         not ({"decimal", "thousands"} & options.keys() or cells.thousands or tells_decimal(samples, cells)),
+        "thousands" not in options,
         "hexadecimal" not in options,
     )
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutch_hil.recordings.text.characters import simplify_characters
+from clutch_hil.recordings.text.characters import simplify_characters, strip_marks_of_text
 from protocols.errors import InputError
 
 _BLOCK = 1 << 22  # bytes that are read at once: large against a call, small against the memory allowed
@@ -108,11 +108,11 @@ class TextFile:
                 number = first + text.count(b"\n")
                 raise InputError(f"recording {self.path}: line {number} has more than {_MOST_LINE} bytes")
             if end:
-                yield Block(first, text[:end])
+                yield Block(first, strip_marks_of_text(text[:end]))
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
         if rest.strip(b"\x1a"):  # the mark with which DOS ends a file
-            yield Block(first, rest + b"\n")
+            yield Block(first, strip_marks_of_text(rest + b"\n"))
 
     def _scan(self) -> None:
         """Count lines, keep the first and last ones, and try the encoding."""
