@@ -174,10 +174,12 @@ def _find_pieces(file: Path, column: TimedColumn, longest_gap: float, notes: lis
     gaps = np.flatnonzero(steps > (longest_gap or _GAP_STEPS * median))
     if len(gaps) and not longest_gap:
         row = gaps[0]
+        summer = "; an hour forward is where summer time begins: write the times in UTC"
+        hint = summer if 0.0 <= steps[row] - _HOUR <= _GAP_STEPS * median else ""
         raise InputError(
             f"recording {file}: the time of {column.name} jumps by {steps[row]:.6g} s after row {row}, from {time[row]:.6g} to"
             f" {time[row + 1]:.6g} s, where {median:.4g} s are usual; set longest_gap_s in [file]: shorter gaps are bridged by"
-            " straight lines, at longer ones the recording is cut into runs"
+            f" straight lines, at longer ones the recording is cut into runs{hint}"
         )
     if len(gaps) >= _MOST_PIECES:
         raise InputError(
@@ -222,6 +224,11 @@ def _check_increasing(file: Path, column: TimedColumn) -> None:
         step, usual = time[row] - time[row - 1], float(np.median(np.diff(time)))
         if 0.0 <= step + _HOUR <= _GAP_STEPS * abs(usual):
             hint = "an hour back is where summer time ends: split the file there, or write it in UTC"
+        elif step == 0.0:
+            hint = (
+                "where a row is there twice, remove one of them, and set, where the rows are evenly spaced,"
+                " time_s = { rate_hz = ... }"
+            )
         else:
             hint = (
                 "where another recording begins there, split the file; where it begins anew after a range, set wraps_at, and"

@@ -34,9 +34,11 @@ from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.column import ColumnReader
+from clutch_hil.recordings.text.column_kind import is_date
 from clutch_hil.recordings.text.layout import Layout, find_layout
 from clutch_hil.recordings.text.lines import TextFile, looks_like_text
 from clutch_hil.recordings.text.rows import Rows, read_rows
+from clutch_hil.recordings.text.stated_numbers import list_rates_beside
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.units import have_same_quantity, to_si
@@ -73,7 +75,10 @@ class TextRecording:
     def __init__(self, file: TextFile, layout: Layout) -> None:
         self._file, self._layout = file, layout
         self.units_rows = layout.headings.units_rows  # of those that `skip_rows` counts
-        self.numbers = layout.headings.numbers
+        self.numbers: Mapping[str, float] = {
+            **layout.headings.numbers,
+            **list_rates_beside(layout.samples[:_JUDGED_ROWS], layout.cells),
+        }
         self.notes = list(layout.notes)
         self.start = self._find_start()
         rows = max(layout.last - layout.first + 1, 0)
@@ -331,11 +336,9 @@ class TextRecording:
 
     def _is_date(self, number: int) -> bool:
         """Whether a column has dates without a time of day."""
-        written = self._layout.columns[number - 1].time
-        if not written or not written.has_date:
-            return False
-        cells = [row[number - 1] for row in self._layout.samples[:_JUDGED_ROWS]]
-        return not any((match := re.fullmatch(written.pattern, cell)) and match.groupdict().get("H") for cell in cells)
+        return is_date(
+            self._layout.columns[number - 1], (row[number - 1] for row in self._layout.samples[:_JUDGED_ROWS])
+        )
 
 
 def _is_time(unit: str) -> bool:

@@ -1,7 +1,9 @@
 """Kinds of the columns of a text file, by their cells, and whether a line is a row of such columns."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from clutch_hil.recordings.text.cells import Cells
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format
@@ -84,6 +86,22 @@ def _count_most_times(present: Sequence[str]) -> TimeFormat | None:
         if written and not written.doubt and sum(map(written.matches, present)) >= _TIME_SHARE * len(present):
             return written
     return None
+
+
+def is_date(column: Column, cells: Iterable[str]) -> bool:
+    """Whether a column, which has these `cells`, has dates without a time of day."""
+    written = column.time
+    if not written or not written.has_date:
+        return False
+    return not any((match := re.fullmatch(written.pattern, cell)) and match.groupdict().get("H") for cell in cells)
+
+
+def find_date_before_time(columns: Sequence[Column], rows: Sequence[Sequence[str]]) -> int:
+    """Index of the first column of dates beside which the next one has the times of day, -1 for none."""
+    for n, (one, after) in enumerate(pairwise(columns)):
+        if after.time and not after.time.has_date and is_date(one, (row[n] for row in rows)):
+            return n
+    return -1
 
 
 def is_row(row: Sequence[str], width: int, columns: Sequence[Column], cells: Cells) -> bool:

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.recordings.channel import is_time_name
+from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
+from clutch_hil.recordings.text.date_names import name_date_and_time
 from clutch_hil.recordings.text.footer import STATISTIC
 from clutch_hil.recordings.text.lines import RUNS, Line, split
 from clutch_hil.recordings.text.stated_numbers import (
@@ -30,7 +32,7 @@ _MOST_LISTED = 2000  # lines above the names that may list channels: as many as 
 _MOST_REMARKS = 20  # lines above the names that are kept
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
 _NUMBER = re.compile(r"[+-]?[0-9.,]*[0-9](?:[eE][+-]?[0-9]+)?")  # no unit, but for 1
-_ENTRY = re.compile(r"\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman
+_ENTRY = re.compile(r"#?\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman, `,#voltbase=5000000(uV)` of Hantek
 # Names of types of numbers: of ETAS, LabVIEW, IEC 61131-3, NumPy and C. A line of them tells how a tool keeps its columns
 _TYPE = re.compile(
     r"[fiur](?:4|8|16|32|64)|float(?:16|32|64)?|double|single|half|l?real(?:32|64)?|bool(?:ean)?(?:_t)?|string"
@@ -85,15 +87,18 @@ def find_headings(
     cells: Cells,
     options: Mapping[str, Any],
     counted: bool = False,
+    date: int = -1,
 ) -> Headings:
     """Names and units in the lines `above` the rows. widths: cells of a row, without and with the empty ones at its end.
 
-    options: `header` and `units_row`, where set. counted: whether the first column counts the rows. Raises InputError where
-    there are other names than columns.
+    options: `header` and `units_row`, where set. counted: whether the first column counts the rows. date: index of a
+    column of dates before one of times of day, -1 for none. Raises InputError where there are other names than columns.
     """
     width, top = widths[1], len(above)
     _check_no_rows(path, above, widths[0], delimiter, cells)
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
+    if date >= 0:
+        rows = {n: name_date_and_time(row, above[n], delimiter, widths[0], date) for n, row in rows.items()}
     names = units = None
     filled = widths[0] == width  # else the missing name is that of the empty last column
     if counted and top and filled and (row := _add_name_of_rows(above[-1], width, delimiter)):
@@ -140,12 +145,13 @@ def find_headings(
     parts = _split_units(
         rows[names] if names is not None else [""] * width, rows[units] if units is not None else [""] * width
     )
+    others_above = [line for number, line in enumerate(above) if number not in used]
     listed = _find_listed_units(parts[0], parts[2], remarks, delimiter)
     return Headings(
         *parts[:2],
         [own or listed.get(name, "") for name, own in zip(parts[0], parts[2], strict=True)],
-        list_numbers([line for number, line in enumerate(above) if number not in used], cells)
-        | (list_pairs(rows, cells) if paired else list_common([rows[n] for n in rows if n not in used], cells))
+        list_numbers(others_above, cells)
+        | (list_pairs(rows, cells) if paired else list_common((split(o.text, delimiter) for o in others_above), cells))
         | beside,
         notes,
         int(units is not None),
@@ -267,6 +273,7 @@ def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
     return (
         2 * sum(map(bool, row)) > width
         and not _AXIS_LABEL.fullmatch(row[0])
+        and not split_value(row[0], row[-1])
         and not any(cells.is_number(cell) or find_time_format([cell]) for cell in row)
         and not all(_ENTRY.match(cell) for cell in row if cell)
     )

@@ -16,7 +16,14 @@ import pyarrow as pa
 
 from clutch_hil.recordings.text.cells import GROUP_MARKS, Cells, show
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format, read_time_format
-from clutch_hil.recordings.text.column_kind import Column, follows, has_words, is_row, judge_columns
+from clutch_hil.recordings.text.column_kind import (
+    Column,
+    find_date_before_time,
+    follows,
+    has_words,
+    is_row,
+    judge_columns,
+)
 from clutch_hil.recordings.text.footer import find_end, read_tail
 from clutch_hil.recordings.text.headings import Headings, are_names, find_headings
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Line, TextFile, split
@@ -81,7 +88,10 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
     above = [line for line in lines if line.number < rows.first]
     spare = _count_empty(samples, rows.width)
     counted = _counts_rows(samples, cells)
-    headings = find_headings(file.path, above, (rows.width - spare, rows.width), delimiter, cells, options, counted)
+    date = find_date_before_time(columns, samples)
+    headings = find_headings(
+        file.path, above, (rows.width - spare, rows.width), delimiter, cells, options, counted, date
+    )
     _check_upright(file.path, rows, columns, headings, last)
     columns = _mark_hexadecimal(file.path, columns, headings, samples, cells, options)
     if columns[0].kind == "text":  # in which any word may be

@@ -61,9 +61,9 @@ class Rows:
                 f" {self.first_repeated}"
             )
         if self.comments:
-            notes.append(f"left out {self.comments} comments between the rows")
+            notes.append(f"left out {format_count(self.comments, 'comment')} between the rows")
         if self.empty:
-            notes.append(f"left out {self.empty} empty lines between the rows")
+            notes.append(f"left out {format_count(self.empty, 'empty line')} between the rows")
         return notes
 
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
-from clutch_hil.recordings.stated_rate import split_value
+from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling
 from clutch_hil.recordings.text.cells import Cells
 from clutch_hil.recordings.text.lines import Line, split
@@ -13,9 +13,11 @@ _LONGEST_REMARK = 200  # characters of one in which a number is looked for
 _NEAREST = 4  # lines above the rows in which numbers can stand beside the names
 # A name and its value; an oscilloscope writes `Sample Interval,Analog:1E-05`
 _REMARK = re.compile(
-    r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?:[A-Za-z]\w{0,20}:\s*(?=[0-9.+-]))?(?P<value>\S.*?)[\s;,]*"
+    r"\s*(?P<key>[^:=;\t]{1,80}?)\s*(?:[:=;,\t]\s*){1,2}(?:[A-Za-z]\w{0,20}:\s*(?=[0-9.+-]))?(?P<value>\S.*?)[\s;,]*"
 )
-_ENTRY = re.compile(r"(?P<key>[A-Za-z]\w*)\s*=\s*(?P<value>\S+)")  # in a cell
+_ENTRY = re.compile(
+    r"(?P<key>[A-Za-z]\w*)\s*=\s*(?P<value>[^\sA-Za-z]+(?:[eE][^\sA-Za-z]+)?)s?"
+)  # in a cell, of seconds perhaps
 
 
 def list_scalings(rows: Mapping[int, Sequence[str]], width: int, paired: bool, cells: Cells) -> list[str]:
@@ -32,6 +34,12 @@ def list_pairs(rows: Mapping[int, Sequence[str]], cells: Cells) -> dict[str, flo
     """Numbers that all columns have in common, as `SampleTime[ms],10,SampleTime[ms],10`."""
     common = [row for row in rows.values() if row and set(row[::2]) == {row[0]} and len({*row[1::2]}) == 1]
     return {row[0]: cells.read_number(row[1]) for row in common if cells.is_number(row[1])}
+
+
+def list_rates_beside(rows: Iterable[Sequence[str]], cells: Cells) -> dict[str, float]:
+    """Rates that stand with their names in the first two cells of rows, as Tektronix has its settings beside the first ones."""
+    pairs = [row[:2] for row in rows if len(row) > 2 and is_rate_name(row[0]) and cells.is_number(row[1])]
+    return {name: cells.read_number(value) for name, value in pairs}
 
 
 def list_common(rows: Iterable[Sequence[str]], cells: Cells) -> dict[str, float]:

@@ -178,6 +178,10 @@ RIGOL_BARE = "torque,t0 = -3.0E-01,tInc = 1.0E-02,"
 SIGLENT = "Sample Interval,Analog:1.0E-02\nVertical Units,CH1:V\nSource,CH1\ncount,torque"
 LMS = "Number of points,60\nIncrement,0.01\ncount,torque"
 HANTEK = "#CHANNEL:CH1\n#CLOCK=10.0mS\n#SIZE=60\ncount,torque"
+RIGOL_SECONDS = "torque,t0 = -3.0E-01s, tInc = 1.0E-02s,"
+KEYSIGHT = "Start:,0\nPoints:,60\nXInc:,1E-02\nXOrg:,0\ncount,torque"
+OWON = "Frequency:,?\nSample interval:,10ms"
+YOKOGAWA_TABS = "TraceName\tpressure\ttorque\nVUnit\tV\tV\nHResolution\t1.0E-2\t1.0E-2\nHUnit\ts\ts"
 YOKOGAWA = '"TraceName",torque\n"VUnit",V\n"SampleRate",100\n"HResolution",0.01\n"HUnit",s\n"Date",2024/03/05'
 
 
@@ -196,6 +200,8 @@ def write_below(tmp_path: Path, head: str, lead: str, end: str = "") -> Path:
         (RIGOL, "{},", "", "Increment"),
         (RIGOL, "{},", ",,", "Increment"),
         (RIGOL_BARE, "", ",", "tInc"),
+        (RIGOL_SECONDS, "", ",", "tInc"),
+        (KEYSIGHT, "{},", "", "XInc"),
         (SIGLENT, "{},", "", "Sample Interval"),
         (LMS, "{},", "", "Increment"),
         (HANTEK, "{},", "", "CLOCK [ms]"),
@@ -213,6 +219,34 @@ def test_the_rate_in_the_head_of_an_oscilloscope_is_compared(
     run = import_by(tmp_path, path, columns.format(100.0))
     np.testing.assert_allclose(run["torque_nm"], TORQUE)
     np.testing.assert_allclose(run["time_s"], 0.01 * np.arange(ROWS))
+
+
+@pytest.mark.parametrize(
+    ("head", "lead", "name"), [(OWON, "{},", "Sample interval [ms]"), (YOKOGAWA_TABS, "1.5\t", "HResolution")]
+)
+def test_the_rate_above_rows_of_other_cells_is_compared(tmp_path: Path, head: str, lead: str, name: str) -> None:
+    path = write_below(tmp_path, head, lead)
+    columns = '[columns]\ntime_s = {{ rate_hz = {} }}\ntorque_nm = {{ number = 2, unit = "Nm", unit_from = "map" }}\n'
+    assert f"{DOUBT}: {name} is" in find_refusal(tmp_path, path, columns.format(1000.0))
+    np.testing.assert_allclose(import_by(tmp_path, path, columns.format(100.0))["torque_nm"], TORQUE)
+    assert "Sample interval:" not in [channel.name for channel in open_recording(path, {}).channels]
+
+
+def test_the_rate_beside_the_first_rows_is_compared(tmp_path: Path) -> None:
+    beside = ["Record Length,60", "Sample Interval,1.0E-02", "Vertical Units,V", "Trigger Point,0"]
+    rows = [f"{beside[k] if k < len(beside) else ','},,{0.01 * k:.2f},{torque:.4f}" for k, torque in enumerate(TORQUE)]
+    path = tmp_path / "recording.csv"
+    path.write_text("\n".join([*rows, ""]))
+    columns = '[columns]\ntime_s = {{ rate_hz = {} }}\ntorque_nm = {{ number = 5, unit = "Nm" }}\n'
+    assert f"{DOUBT}: Sample Interval is 0.01 s" in find_refusal(tmp_path, path, columns.format(50.0))
+    np.testing.assert_allclose(import_by(tmp_path, path, columns.format(100.0))["torque_nm"], TORQUE)
+
+
+def test_volts_of_a_division_are_no_unit_of_a_column(tmp_path: Path) -> None:
+    head = "#timebase=2000000000(ps)\n,#voltbase=5000000(uV)\n#size=60"
+    path = write_below(tmp_path, head, "{}.0E-02,")
+    columns = '[columns]\ntime_s = { number = 1, unit = "s" }\nvalve_voltage_v = { number = 2, unit = "V" }\n'
+    np.testing.assert_allclose(import_by(tmp_path, path, columns)["valve_voltage_v"], TORQUE)
 
 
 def test_a_number_of_the_row_is_refused_as_time_where_the_file_states_a_rate(tmp_path: Path) -> None:

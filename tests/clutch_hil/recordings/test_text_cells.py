@@ -122,6 +122,16 @@ def test_an_hour_back_is_told_as_the_end_of_summer_time(tmp_path: Path) -> None:
     assert "an hour back is where summer time ends: split the file there" in sentence
 
 
+def test_an_hour_forward_and_a_row_twice_are_told_as_such(tmp_path: Path) -> None:
+    cells = [f"2025-03-30 01:59:{50 + n}" if n < 10 else f"2025-03-30 03:00:{n - 10:02d}" for n in range(40)]
+    rows = [f"{cell},{torque:.4f}" for cell, torque in zip(cells, TORQUE, strict=False)]
+    columns = UNITS.replace(', unit = "s"', "")
+    sentence = find_refusal(tmp_path, "\n".join(["time,torque", *rows, ""]), columns=columns)
+    assert sentence.endswith("; an hour forward is where summer time begins: write the times in UTC")
+    sentence = find_refusal(tmp_path, "\n".join(["time,torque", *rows[:5], *rows[4:9], ""]), columns=columns)
+    assert "does not increase in row 5: 4 s after 4 s; where a row is there twice, remove one of them" in sentence
+
+
 @pytest.mark.parametrize("name", ["ms", "Milliseconds"])
 def test_milliseconds_beside_whole_seconds_belong_to_the_time(tmp_path: Path, name: str) -> None:
     moments = [1500 * row + 200 for row in range(len(TIME))]

@@ -97,6 +97,24 @@ FOREIGN = {
         b"Message Number,Time Offset (ms),Type,ID,Data Length,Data Bytes\n1,1059.9,Rx,0300,2,00 01\n",
         "a table of the frames of a bus: save its frames as ASC, BLF or candump",
     ),
+    "reversed.log": (
+        b" (1.250000)  can0  100   [8]  88`77`66`55`44`33`22`11\n",
+        "a log of candump with its bytes reversed (-S), as bits (-i) or with points between them: record it with candump -L",
+    ),
+    "bits.log": (
+        b" (1.250000)  can0  100   [2]  00000001 11110000\n",
+        "a log of candump with its bytes reversed (-S), as bits (-i) or with points between them: record it with candump -L",
+    ),
+    "lecroy.trc": (
+        b"#9000000446WAVEDESC\0\0\0\0\0\0\0\0LECROY_2_3" + bytes(99),
+        "a binary waveform of LeCroy or Teledyne: save it as ASCII or CSV",
+    ),
+    "scope.bin": (b"AG10" + bytes(99), "a binary waveform of Keysight: save it as CSV"),
+    "scope.isf": (b":WFMP:NR_P 10000;:WFMP:BYT_N 2;", "a waveform of Tektronix (.isf): save it as CSV"),
+    "influx.txt": (
+        b"rig,host=a torque=1.5,speed=2i 1796000000000000000\n",
+        "line protocol of InfluxDB: export its fields as CSV, a column each",
+    ),
     "log.pcap": (b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00", "a capture of packets: save its frames by candump -l"),
 }
 

@@ -126,3 +126,16 @@ def test_a_day_that_no_year_has_is_refused(tmp_path: Path, wrong: str) -> None:
 def test_a_part_of_a_week_is_no_time_format(tmp_path: Path) -> None:
     sentence = find_refusal(tmp_path, make_table(times=DATES["week"]), 'time_format = "%G-W%V"', MAP)
     assert "allowed is one of each of %Y %m %d, or none of them" in sentence
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["time;torque;speed", "time;;torque;speed", "time;time;torque;speed", "time;torque;speed\ns;Nm;rad/s"],
+    ids=["one", "merged", "twice", "units"],
+)
+def test_date_and_time_in_two_columns_have_one_name(tmp_path: Path, header: str) -> None:
+    begin = datetime(2026, 11, 29, 23, 59, 59, 700000, tzinfo=UTC)
+    times = [f"{begin + timedelta(seconds=float(t)):%d.%m.%Y;%H:%M:%S.%f}" for t in TIME]
+    run = read(tmp_path, make_table(";", header=header, times=times))
+    assert_right(run)
+    assert "recorded at 2026-11-29T23:59:59.700000" in convert_run(run)
