@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from protocols.errors import InputError, tell_reason
-from protocols.files.bounds import check_rows
+from protocols.files.bounds import check_bytes, check_rows
 
 if TYPE_CHECKING:
     import h5py
@@ -20,6 +20,7 @@ _OFFSETS = (0, 512, 1024, 2048)  # bytes, possible positions of the signature wi
 _MOST_CHUNK = 1 << 26
 _MOST_NUMBERS = 100  # numbers in one attribute that mark missing values
 _MOST_TEXTS = 1000  # texts in one attribute: one for each column
+_TEXT_OBJECT = 64  # bytes that Python takes for a short text, beside its characters
 _MOST_ATTRIBUTE = 1 << 16  # numbers or bytes of one attribute; HDF5's own limit without dense storage
 
 
@@ -107,6 +108,13 @@ class Hdf5File:
         if data.size > _MOST_TEXTS or data.dtype.itemsize > _MOST_ATTRIBUTE:
             return []
         return [_decode(value) for value in self.read(data.name).ravel().tolist()]
+
+    def read_text_column(self, place: str, field: str) -> list[str]:
+        """Return the texts of a dataset with one axis, or of a field of its rows. Raises InputError for too many."""
+        with self.errors(place):
+            data = self.root[place]
+            check_bytes(f"{self.name}: {place} needs", data.size * (data.dtype.itemsize + _TEXT_OBJECT))
+        return [_decode(value) for value in self.read(place, field or ()).ravel().tolist()]
 
     def read_numbers(self, entry: Any, name: str) -> list[int | float]:
         """Return the numbers of an attribute, stored as numbers or as one in a text; empty if there are none, or too many."""

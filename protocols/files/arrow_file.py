@@ -90,9 +90,9 @@ class ArrowFile:
     def _count(self) -> int:
         """Return the number of rows of an IPC file, from its smallest column; the others are not read."""
         fixed = [k for k, field in enumerate(self.schema) if pa.types.is_primitive(field.type)]
-        if not fixed:
+        if not len(self.schema):
             return 0
-        narrowest = min(fixed, key=lambda k: self.schema.field(k).type.bit_width)
+        narrowest = min(fixed, key=lambda k: self.schema.field(k).type.bit_width, default=0)
         options = pa.ipc.IpcReadOptions(included_fields=[narrowest])
         rows = 0
         with pa.memory_map(str(self._path)) as source, self._open(source, options=options) as reader:

@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from math import isfinite
 from pathlib import Path
@@ -18,6 +19,7 @@ from clutch_hil.recordings.state_names import value_states
 from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import join_units, list_unit_keys
+from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.arrow import convert_numbers
@@ -67,16 +69,26 @@ class ArrowRecording:
                 self._begin(self._clock)
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
-        if texts := [channel.path for channel in channels if channel.kind == "text"]:
-            raise InputError(f"recording {self._path}: {texts[0]!r} holds text; allowed are columns of numbers")
         self._check_long(channels)
         wanted = list(dict.fromkeys([*channels, *([self._clock] if self._clock else [])]))
         columns = self._file.read([self._places[channel.number] for channel in wanted])
+        texts: dict[int, Signal] = {}
+        values: dict[int, np.ndarray] = {}
+        whole: dict[int, np.ndarray | None] = {}
         with reading(self._path):
-            values = {c.number: self._read_values(c, column) for c, column in zip(wanted, columns, strict=True)}
-            whole = {c.number: _read_whole(column) for c, column in zip(wanted, columns, strict=True)}
+            for channel, column in zip(wanted, columns, strict=True):
+                if channel.kind == "text":
+                    texts[channel.number] = convert_texts(self._path, channel, column.to_pylist(), self.notes)
+                else:
+                    values[channel.number] = self._read_values(channel, column)
+                    whole[channel.number] = _read_whole(column)
         time = values[self._clock.number] if self._clock else None
-        return [Signal(channel, values[channel.number], time, whole.get(channel.number)) for channel in channels]
+        return [
+            replace(texts[channel.number], time=time)
+            if channel.number in texts
+            else Signal(channel, values[channel.number], time, whole[channel.number])
+            for channel in channels
+        ]
 
     def _check_long(self, asked: Sequence[Channel]) -> None:
         """Raise InputError where each row has the value of another signal, by a column of words that is not asked for."""

@@ -20,6 +20,7 @@ from clutch_hil.recordings.matlab.texts import read_date
 from clutch_hil.recordings.state_names import note_names, take_names
 from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling, is_scaling_beside
+from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -112,9 +113,10 @@ class Hdf5Recording:
                     times[place.time] = read_place(self._file, place.time, channel.rows)
                 time = times.get(place.time) if place.time is not None else None
                 if channel.kind == "text":
-                    values = np.full(channel.rows, np.nan)
-                else:
-                    values = read_place(self._file, place, channel.rows, self.notes)
+                    texts = self._file.read_text_column(place.dataset, place.field)
+                    signals.append(replace(convert_texts(self._file.path, channel, texts, self.notes), time=time))
+                    continue
+                values = read_place(self._file, place, channel.rows, self.notes)
                 if channel.kind == "status" and (taken := take_names(values, list_state_names(self._file, place))):
                     values, notes = taken
                     note = note_names(channel.path, notes)
@@ -253,9 +255,13 @@ class _Walk:
             self.numbers[path] = float(np.asarray(data[()]).ravel()[0])
 
     def _add_table(self, data: Any, path: str) -> None:
+        import h5py
+
         for number, field in enumerate(data.dtype.names):
             kind = data.dtype[field]
-            if kind.shape or kind.kind not in "fiub":
+            if h5py.check_string_dtype(kind) is not None:
+                self._append(data, f"{path}/{field}", field, _Place(data.name, field), "text")
+            elif kind.shape or kind.kind not in "fiub":
                 self.left_out[f"{path}/{field}"] = f"values of the type {kind}"
             else:
                 unit = self._labels.find_unit(data, number, len(data.dtype.names), field)

@@ -1,6 +1,7 @@
 """MATLAB: MAT-files of the levels 4, 5 (`-v6`, `-v7`) and 7.3, also as Octave, SciPy, dSPACE and others write them."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from clutch_hil.recordings.matlab.simulink import Dataset, SimulationOutput, Str
 from clutch_hil.recordings.matlab.simulink import Signal as LoggedSignal
 from clutch_hil.recordings.matlab.tables import Categorical, Table, Times
 from clutch_hil.recordings.matlab.value import Numbers, Value
+from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
@@ -127,7 +129,10 @@ class MatlabRecording:
             if column.time is not None and time is not None and (kept := self._kept.get(column.time.path)) is not None:
                 own, time = own[kept], time[kept]
                 self._note_events(int(np.count_nonzero(~kept)))
-            signals.append(Signal(channel, own, time))
+            if column.texts:
+                signals.append(replace(convert_texts(self._file.path, channel, column.texts, self.notes), time=time))
+            else:
+                signals.append(Signal(channel, own, time))
         return signals
 
     def _note_events(self, count: int) -> None:
@@ -144,7 +149,7 @@ class MatlabRecording:
     def _make_channel(self, column: Column, number: int, spans: Mapping[str, tuple[float, float]]) -> Channel:
         path = column.time.path if column.time else ""
         rows = int(np.count_nonzero(self._kept[path])) if path in self._kept else column.rows
-        kind = "time" if column.is_time else "text" if column.is_text else "status" if column.is_status else "number"
+        kind = "time" if column.is_time else "text" if column.texts else "status" if column.is_status else "number"
         start, end = spans.get(path, (float("nan"), float("nan")))
         rate = (rows - 1) / (end - start) if end > start else float("nan")
         name, unit = take_unit(column.name, column.unit, kind)

@@ -6,7 +6,7 @@ The index file beside one (.tdms_index) is not used: if it belongs to another re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -27,6 +27,7 @@ from clutch_hil.recordings.tdms.times import (
     is_number,
     read_times,
 )
+from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import check_bytes, check_rows
@@ -93,9 +94,16 @@ class TdmsRecording:
         check_rows(f"recording {self._path}: the requested channels have", rows, 2 * len(channels))
         times = {id(raster): self._make_times(raster) for raster, _ in sources}
         return [
-            Signal(channel, self._read_values(channel, raster, source), times[id(raster)])
+            self._read_texts(channel, raster, source, times[id(raster)])
+            if channel.kind == "text" and source is not None
+            else Signal(channel, self._read_values(channel, raster, source), times[id(raster)])
             for channel, (raster, source) in zip(channels, sources, strict=True)
         ]
+
+    def _read_texts(self, channel: Channel, raster: _Raster, source: "TdmsChannel", time: np.ndarray | None) -> Signal:
+        with self._reading():
+            texts = [str(text) for text in source[:]][: raster.rows]
+        return replace(convert_texts(self._path, channel, texts, self.notes), time=time)
 
     def _read_values(self, channel: Channel, raster: _Raster, source: "TdmsChannel | None") -> np.ndarray:
         if source is None and raster.times.fault:
@@ -109,8 +117,6 @@ class TdmsRecording:
             times = self._make_times(raster)
             assert times is not None
             return times
-        if channel.kind == "text":
-            raise InputError(f"recording {self._path}: {channel.path!r} holds text; allowed are channels of numbers")
         if channel.kind == "time":
             return self._read_stamps(source)[: raster.rows]
         self._check_scaling(source)

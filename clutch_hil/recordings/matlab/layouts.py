@@ -53,7 +53,7 @@ class TimeAxis:
 
 @dataclass(frozen=True)
 class Column:
-    """Where the numbers of a channel are. labels: where each number has a name; is_text: where there are no numbers."""
+    """Where the numbers of a channel are. labels: where each number has a name; texts: in place of numbers."""
 
     name: str
     path: str
@@ -63,7 +63,7 @@ class Column:
     time: TimeAxis | None = None
     is_time: bool = False
     is_status: bool = False
-    is_text: bool = False
+    texts: Sequence[str] = ()
     comment: str = ""
     scaling: str = ""
 
@@ -157,7 +157,7 @@ class Walk:
         elif texts := read_texts(value):
             if len(texts) > 1 and not isinstance(value, Text):  # a char matrix is one text in several lines
                 nothing = Numbers((len(texts), 1), "f", Gathered(np.full(len(texts), np.nan)))
-                self._append(Column(about.name, path, nothing, Line(0, (0, 0)), is_text=True))
+                self._append(Column(about.name, path, nothing, Line(0, (0, 0)), texts=texts))
         elif any(layout.add(self, value, path, about, depth) for layout in self._layouts):
             pass
         elif isinstance(value, Struct):

@@ -31,7 +31,9 @@ class ColumnReader:
         first = self._cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
         self._whole: list[np.ndarray] | None = [] if first > EXACT else None
         plain = channel.kind == "number" and not self._column.hexadecimal
-        self._decimal = _Decimal(self._cells.decimal) if layout.unsure and plain and not self._column.decimal else None
+        self._decimal = (
+            DecimalDoubt(self._cells.decimal) if layout.unsure and plain and not self._column.decimal else None
+        )
         found = plain and self._cells.thousands and layout.asks_thousands
         self._groups = _Groups(self._cells) if found and self._cells.thousands in ",." else None
         self._exponent = _Exponent(self._cells.decimal) if layout.asks_hexadecimal and plain else None
@@ -194,7 +196,7 @@ def _find_first(column: pa.Array, chosen: pa.Array) -> str:
     return column[row].as_py().strip() if row >= 0 else ""
 
 
-class _Decimal:
+class DecimalDoubt:
     """Whether `mark` is a decimal mark in a column whose samples do not tell: it is in 998, 999, 1.25, not in 998, 999, 1.000.
 
     A column in which all numbers have three decimals is taken as such: so programs write.
