@@ -114,7 +114,8 @@ def _read_text(path: Path, text_log: TextLog) -> BusLog:
     usual = _find_usual_lines(path, text_log)
     with _open_others(path, text_log, usual) as file:
         lines = LogLines(path, file, text_log, *((usual.numbers.tolist(), usual.before_last) if usual else ()))
-        numbers = _collect(path, collector, lines, readers[text_log.kind], len(usual.frames) if usual else 0)
+        with quiet():
+            numbers = _collect(path, collector, lines, readers[text_log.kind], len(usual.frames) if usual else 0)
     lines.check_steps(usual)
     cut = f"the log ends within line {lines.number}" if lines.ends_within_line else ""
     if usual:

@@ -49,6 +49,7 @@ _TRC_VERSION = re.compile(r";\$FILEVERSION\s*=\s*([^\s;]+)")
 _TRC_VERSIONS = ("1.0", "1.1", "1.2", "1.3", "2.0", "2.1")
 _TRC_BEFORE_LENGTH = 5  # cells of a frame in version 1.2; 1.3 adds a dash after them and is otherwise the same
 _TRC_FRAME = re.compile(r"\s*\d+\)?\s+\d+(?:\.\d+)?\s+\S")
+_TRC_UNNUMBERED = re.compile(r"\s*\d+(?:\.\d+)?\s+[A-Z]{2}\s+\S")  # of version 2, where $COLUMNS has no N
 _TRC_EVENTS = {"Warng", "Error", "Statu", "ST", "EC", "ER", "EV"}
 _ERROR_FLAG, _ERROR_MARK = 0x20000000, "20000080"  # error frames; python-can recognises them by these two bits
 
@@ -128,6 +129,7 @@ class LogLines(io.TextIOBase):
         self._file, self._expected, self._whole, self._last_answered = file, False, True, True
         self._time, self._requests, self._tokens = 0.0, 0, 0
         self._header: list[str] = []
+        self._trc_frame = _TRC_FRAME
         self._again: list[str] = []  # lines that a reader must read before it continues
         self._backward = self._frames = 0
         self._last_stamps: dict[str, float] = {}
@@ -303,12 +305,14 @@ class LogLines(io.TextIOBase):
         if text.startswith(";"):
             if text.startswith(";$") and len(self._header) < _HEAD_LINES:
                 entry = text.replace(" ", "").rstrip(";")  # PEAK writes `;$STARTTIME=39878.6772258947;`
+                if entry.startswith(";$COLUMNS=") and "N" not in entry.partition("=")[2].split(","):
+                    self._trc_frame = _TRC_UNNUMBERED
                 self._header.append(entry.replace("$FILEVERSION=1.2", "$FILEVERSION=1.3") + "\n")
                 return self._header[-1]
             return ""
         if _TRC_EVENTS & set(text.split()[1:4]):
             return ""
-        if not _TRC_FRAME.match(text):
+        if not self._trc_frame.match(text):
             return None
         self._expected = True
         if self.found.version == "1.2":

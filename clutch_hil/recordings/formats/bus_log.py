@@ -36,6 +36,7 @@ _SAMPLES = "SAMPLES"  # raster of the bench's samples
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
 _LONGEST_SIGNAL = 64  # bits
+_CLASSIC_BYTES = 8  # of a frame of classic CAN
 NEEDS_DATABASE = (
     'name their database with --map: a map with dbc = "FILE.dbc" in [file], which --list and --draft take, too'
 )
@@ -186,8 +187,10 @@ class _BusRecording:
                     f"left out {format_count(np.count_nonzero(strange), 'frame')} of {message.name}: {', '.join(kinds)}"
                 )
             if short:
+                packets = message.length > _CLASSIC_BYTES and message.is_extended_frame and not len(rows)
                 self.notes.append(
                     f"left out {format_count(short, 'frame')} of {message.name} with fewer than {message.length} bytes"
+                    f"{', as packets of several frames (NMEA 2000, J1939 TP) are not joined' if packets else ''}"
                 )
             if longer := np.count_nonzero(log.lengths[rows] > message.length):
                 self.notes.append(

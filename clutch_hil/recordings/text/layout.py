@@ -87,7 +87,7 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
     samples = _strip_units(samples, columns, cells)
     above = [line for line in lines if line.number < rows.first]
     spare = _count_empty(samples, rows.width)
-    counted = _counts_rows(samples, cells)
+    counted = _counts_rows(rows.samples, cells)
     date = find_date_before_time(columns, samples)
     headings = find_headings(
         file.path, above, (rows.width - spare, rows.width), delimiter, cells, options, counted, date

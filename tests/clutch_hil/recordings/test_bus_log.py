@@ -28,6 +28,7 @@ TRC = {
     "1.3": ("", "{n}) {ms:.3f} 1 Rx 0300 - {size} {data}"),
     "2.0": (";$COLUMNS=N,O,T,I,d,l,D\n", "{n} {ms:.3f} DT 0300 Rx {size} {data}"),
     "2.1": (";$COLUMNS=N,O,T,B,I,d,R,L,D\n", "{n} {ms:.3f} DT 1 0300 Rx - {size} {data}"),
+    "2.1 without numbers": (";$COLUMNS=O,T,I,d,l,D\n", "{ms:.3f} DT 0300 Rx {size} {data}"),
 }
 
 
@@ -37,7 +38,7 @@ def test_each_version_of_trc_is_read_as_peak_describes_it(tmp_path: Path, versio
     contents = [bytes(range(n % 9)) for n in range(40)]
     frames = (line.format(n=n + 1, ms=10.0 * n, size=len(data), data=data.hex(" ")) for n, data in enumerate(contents))
     path = tmp_path / "log.trc"
-    head = f";$FILEVERSION={version}\n;$STARTTIME=39878.5;\n{columns};   C:\\TraceFile.trc\n"
+    head = f";$FILEVERSION={version.split()[0]}\n;$STARTTIME=39878.5;\n{columns};   C:\\TraceFile.trc\n"
     path.write_text(head + "\n".join([*frames, ""]))
     log = read_bus_log(path)
     assert read_frames(path) == [(0x300, data) for data in contents]

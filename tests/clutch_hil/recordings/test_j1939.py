@@ -136,3 +136,10 @@ def test_an_error_frame_has_no_parameter_group(tmp_path: Path) -> None:
     notes = open_recording(path, {"dbc": "truck.dbc"}).notes
     assert "left out 1 error frames" in notes
     assert not any("J1939" in note for note in notes)
+
+
+def test_packets_of_several_frames_are_told_as_such(tmp_path: Path) -> None:
+    longer = TRUCK.replace("BO_ 2364540158 EEC1: 8", "BO_ 2364540158 EEC1: 43")
+    path = write_truck_log(tmp_path, [EEC1], [8000, 0], longer)
+    with pytest.raises(InputError, match=r"with fewer than 43 bytes, as packets of several frames \(NMEA 2000"):
+        open_recording(path, {"dbc": "truck.dbc"})

@@ -139,3 +139,10 @@ def test_date_and_time_in_two_columns_have_one_name(tmp_path: Path, header: str)
     run = read(tmp_path, make_table(";", header=header, times=times))
     assert_right(run)
     assert "recorded at 2026-11-29T23:59:59.700000" in convert_run(run)
+
+
+@pytest.mark.parametrize("quote", ['"', ""])
+def test_names_of_rows_have_none_in_a_short_file_of_r(tmp_path: Path, quote: str) -> None:
+    rows = make_table(header="").splitlines()[:20]
+    text = "\n".join(["time,torque,speed", *(f"{quote}{n}{quote},{row}" for n, row in enumerate(rows, 1)), ""])
+    assert_right(read(tmp_path, text), slice(20))
