@@ -13,6 +13,7 @@ from clutch_hil.recordings.column_formula import ColumnFormula
 from clutch_hil.recordings.stated_scaling import describe_scaling_beside
 from clutch_hil.recordings.unit_in_name import hint_unit
 from clutch_hil.recordings.unknown_unit import says_more
+from clutch_hil.recordings.wrapping import find_range, unwrap
 from protocols.errors import InputError, format_count
 from protocols.files.toml_table import TomlTable
 from protocols.files.units import contradict, from_si, have_same_quantity, to_si
@@ -212,9 +213,14 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
             " map"
         )
     if source.wraps_at:
-        values, turns = _unwrap(values, source.wraps_at)
+        values, turns = unwrap(values, source.wraps_at)
         notes.append(
             f"{channel.name}: began anew {format_count(turns, 'time')} after {source.wraps_at:g}, which is undone"
+        )
+    elif channel.kind == "number" and name != "time_s" and (found := find_range(values))[0]:
+        notes.append(
+            f"{channel.name}: jumps by about {found[0]} in row {found[1] + reading.skip_rows}, as a counter that begins anew,"
+            f" or a number below 0 that was stored without its sign; set wraps_at = {found[0]} then"
         )
     if origin:  # first of all: a time since 1970 in us or ns would lose digits as seconds
         values = values - origin
@@ -310,15 +316,6 @@ def _check_hint(path: Path, name: str, source: ForeignColumn, channel: Channel) 
             f"recording {path}: {channel.name!r} for {name} is in {unit_of_name} by its name, and in {source.unit} by the map;"
             f" set unit = {unit_of_name!r}, or unit_from = 'map' where the name is wrong"
         )
-
-
-def _unwrap(values: np.ndarray, period: float) -> tuple[np.ndarray, int]:
-    """Return the values (n,) with steps of `period` removed, and the number of steps. Missing values stay missing."""
-    known = np.isfinite(values)
-    whole = values.astype(float)
-    whole[known] = np.unwrap(whole[known], period=period)
-    moved = np.diff(whole[known] - values[known])
-    return whole, int(np.count_nonzero(np.abs(moved) > 0.5 * period))
 
 
 def is_held(source: ForeignColumn, signal: Signal, name: str) -> bool:
