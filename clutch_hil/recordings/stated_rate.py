@@ -13,15 +13,20 @@ from clutch_hil.recordings.channel import Channel
 
 _LONGEST_NAME = 100  # characters of a name that are examined
 _WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|[\W_]+")  # where a name is split into words
-# Names of rates and of periods, as words in lower case: those of recorders, MATLAB, LabVIEW, oscilloscopes and German tools
+# Names of rates and of periods, as words in lower case: those of recorders, MATLAB, LabVIEW, oscilloscopes and tools in German,
+# French, Italian and Spanish
 _TAKEN = r"(?:sampl(?:e|ing)|acquisition|scan|logging|recording|storage)"
+_TAKEN_GERMAN = r"(?:abtast|mess|aufzeichnungs|erfassungs|speicher)"
 _RATE = re.compile(
-    rf"(?:.* )?(?:{_TAKEN} ?(?:rate|freq\w*)|abtast ?(?:rate|frequenz)|messrate|fs)(?P<rest>(?: .*)?)|rate(?P<hertz>(?: k?hz)?)"
+    rf"(?:.* )?(?:{_TAKEN} ?(?:rate|freq\w*)|samples (?:per )?s(?:ec(?:ond)?)?|{_TAKEN_GERMAN} ?(?:rate|frequenz)|fs"
+    r"|fréquence d ?échantillonnage|frequenza di campionamento|frecuencia de muestreo)(?P<rest>(?: .*)?)"
+    r"|rate(?P<hertz>(?: k?hz)?)"
 )
 _PERIOD = re.compile(
-    rf"(?:(?:.* )?(?:{_TAKEN} ?(?:time|interval|period|step)|time ?step|delta ?[tx]|abtast ?(?:zeit|intervall|periode)"
-    r"|messintervall|(?:[htx]|time|horiz(?:ontal)?) ?(?:incr?|increment|interval)|h ?resolution)|increment)"
-    r"(?P<rest>(?: .*)?)|(?:dt|ts|tinterval)(?P<seconds>(?: [munµ]?s)?)|(?:clock|interval)(?P<stated> [munµ]?s)"
+    rf"(?:(?:.* )?(?:{_TAKEN} ?(?:time|interval|period|step)|time ?step|delta ?[tx]|abtast ?(?:zeit|periode)"
+    rf"|{_TAKEN_GERMAN} ?intervall|période d ?échantillonnage"
+    r"|(?:[htx]|time|horiz(?:ontal)?) ?(?:incr?|increment|interval)|h ?resolution)|increment)"
+    r"(?P<rest>(?: .*)?)|(?:dt|ts|tinterval)(?P<seconds>(?: [munµ]?s)?)|(?:clock|intervall?)(?P<stated> [munµ]?s)"
 )
 _HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "ghz": 1e9}
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}

@@ -186,9 +186,9 @@ class Cells:
 
 
 def _make_number_pattern(decimal: str) -> str:
-    """Pattern of a number; loggers write `+  25.3`, with the sign apart."""
-    mark = re.escape(decimal)
-    return rf"(?:[+{_MINUS}-] *)?(?:[0-9]+(?:{mark}[0-9]*)?|{mark}[0-9]+)(?:[eEdD][+-]?[0-9]+)?"
+    """Pattern of a number; loggers write `+  25.3`, with the sign apart. A comma behind the last digit parts cells."""
+    mark, least = re.escape(decimal), "+" if decimal == "," else "*"
+    return rf"(?:[+{_MINUS}-] *)?(?:[0-9]+(?:{mark}[0-9]{least})?|{mark}[0-9]+)(?:[eEdD][+-]?[0-9]+)?"
 
 
 def _make_grouped_pattern(decimal: str, thousands: str) -> str:
@@ -197,7 +197,7 @@ def _make_grouped_pattern(decimal: str, thousands: str) -> str:
     whole = rf"[1-9][0-9]{{0,2}}(?:{mark}[0-9]{{3}})+"
     if thousands == ",":
         whole = rf"(?:{whole}|[1-9][0-9]?(?:,[0-9]{{2}})+,[0-9]{{3}})"
-    return rf"[+{_MINUS}-]?{whole}(?:{re.escape(decimal)}[0-9]*)?"
+    return rf"[+{_MINUS}-]?{whole}(?:{re.escape(decimal)}[0-9]{'+' if decimal == ',' else '*'})?"
 
 
 def _count(numbers: pa.Array) -> Parsed:

@@ -15,6 +15,12 @@ _NEAREST = 4  # lines above the rows in which numbers can stand beside the names
 _REMARK = re.compile(
     r"\s*(?P<key>[^:=;\t]{1,80}?)\s*(?:[:=;,\t]\s*){1,2}(?:[A-Za-z]\w{0,20}:\s*(?=[0-9.+-]))?(?P<value>\S.*?)[\s;,]*"
 )
+# Other rates and periods: `"Sample Rate","100.000","Hz"` of MoTeC, `Sample period 10 ms`, `10 msec/sample` of Biopac
+_PARTED = re.compile(
+    r'[\s"]*(?P<key>[^"=;,\t]{1,80})"?[;,\t]"?(?P<value>[0-9.]+)"?[;,\t]"?(?P<unit>[A-Za-zµ/]{1,8})[\s";,]*'
+)
+_SPACED = re.compile(r"\s*(?P<key>[^\d:=;,\t]{2,80}?)\s+(?P<value>[0-9.]+)\s*(?P<unit>[A-Za-zµ/]{1,8})\W*")
+_OF_A_SAMPLE = re.compile(r"\s*(?P<value>[0-9.]+)\s*(?P<unit>[munµ]?s(ec)?)\s*/\s*(?P<key>sample)\W*", re.IGNORECASE)
 _ENTRY = re.compile(
     r"(?P<key>[A-Za-z]\w*)\s*=\s*(?P<value>[^\sA-Za-z]+(?:[eE][^\sA-Za-z]+)?)s?"
 )  # in a cell, of seconds perhaps
@@ -52,7 +58,12 @@ def list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
     """Numbers of lines such as `Sample rate [Hz]: 100`."""
     numbers: dict[str, float] = {}
     for line in lines[:_MOST_REMARKS]:
-        match = _REMARK.fullmatch(line.text[:_LONGEST_REMARK])
+        text = line.text[:_LONGEST_REMARK]
+        for other in filter(None, (pattern.fullmatch(text) for pattern in (_PARTED, _SPACED, _OF_A_SAMPLE))):
+            key = "sample interval" if other["key"] == "sample" else other["key"]
+            if rate := split_value(key, f"{other['value']} {other['unit']}"):
+                numbers[rate[0]] = rate[1]
+        match = _REMARK.fullmatch(text)
         if match and cells.is_number(value := match["value"].strip('"')):
             numbers[match["key"].strip(' "')] = cells.read_number(value)
         elif match and (rate := split_value(match["key"].strip(' "'), match["value"].strip('"'))):

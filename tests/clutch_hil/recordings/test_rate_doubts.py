@@ -232,6 +232,19 @@ def test_the_rate_above_rows_of_other_cells_is_compared(tmp_path: Path, head: st
     assert "Sample interval:" not in [channel.name for channel in open_recording(path, {}).channels]
 
 
+@pytest.mark.parametrize(
+    "head",
+    [
+        "10 msec/sample", '"Sample Rate","100.000","Hz"', "Sample period 10 ms", "Samples per second: 100", "Abtastrate;100;Hz",
+        "Aufzeichnungsintervall: 10 ms", "Intervall [ms];10", "Fréquence d'échantillonnage : 100 Hz",
+    ],
+)  # fmt: skip
+def test_a_rate_in_the_words_of_other_tools_is_compared(tmp_path: Path, head: str) -> None:
+    path = write_below(tmp_path, f"recorded today\n{head}\ncount,torque", "1,")
+    assert DOUBT in find_refusal(tmp_path, path, make_map("rate_hz = 50.0"))
+    np.testing.assert_allclose(import_by(tmp_path, path, make_map("rate_hz = 100.0"))["torque_nm"], TORQUE)
+
+
 def test_the_rate_beside_the_first_rows_is_compared(tmp_path: Path) -> None:
     beside = ["Record Length,60", "Sample Interval,1.0E-02", "Vertical Units,V", "Trigger Point,0"]
     rows = [f"{beside[k] if k < len(beside) else ','},,{0.01 * k:.2f},{torque:.4f}" for k, torque in enumerate(TORQUE)]

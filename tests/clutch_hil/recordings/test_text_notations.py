@@ -146,3 +146,9 @@ def test_names_of_rows_have_none_in_a_short_file_of_r(tmp_path: Path, quote: str
     rows = make_table(header="").splitlines()[:20]
     text = "\n".join(["time,torque,speed", *(f"{quote}{n}{quote},{row}" for n, row in enumerate(rows, 1)), ""])
     assert_right(read(tmp_path, text), slice(20))
+
+
+def test_a_comma_behind_a_fraction_parts_cells(tmp_path: Path) -> None:
+    text = "\n".join(["torque", *(f"{5.125 + row:.3f}," for row in range(ROWS)), ""])
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { number = 1, unit = "Nm" }\n'
+    np.testing.assert_array_equal(read(tmp_path, text, columns=columns)["torque_nm"], 5.125 + np.arange(ROWS))
