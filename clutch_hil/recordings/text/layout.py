@@ -27,7 +27,7 @@ from clutch_hil.recordings.text.column_kind import (
 from clutch_hil.recordings.text.footer import find_end, read_tail
 from clutch_hil.recordings.text.headings import Headings, are_names, find_headings
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Line, TextFile, split
-from clutch_hil.recordings.text.marks import choose_marks, tells_decimal
+from clutch_hil.recordings.text.marks import check_no_fractions, choose_marks, tells_decimal
 from protocols.errors import InputError
 
 _MOST_COLUMNS = 10_000  # more than any logger has channels
@@ -92,7 +92,10 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
     headings = find_headings(
         file.path, above, (rows.width - spare, rows.width), delimiter, cells, options, counted, date
     )
-    _check_upright(file.path, rows, columns, headings, last)
+    if not any(name != f"column {number}" for number, name in enumerate(headings.names, 1)):
+        if delimiter == ",":
+            check_no_fractions(file.path, samples, options)
+        _check_upright(file.path, rows, columns, last)
     columns = _mark_hexadecimal(file.path, columns, headings, samples, cells, options)
     if columns[0].kind == "text":  # in which any word may be
         headings = replace(headings, firsts={})
@@ -111,11 +114,10 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
     )
 
 
-def _check_upright(path: Path, rows: "_Rows", columns: Sequence[Column], headings: Headings, last: int) -> None:
-    """Raise InputError for a table that lies on its side: few rows, each with the name of a signal and then its numbers."""
-    named = any(name != f"column {number}" for number, name in enumerate(headings.names, 1))
+def _check_upright(path: Path, rows: "_Rows", columns: Sequence[Column], last: int) -> None:
+    """Raise InputError for a table without names on its side: few rows, each the name of a signal and then its numbers."""
     lies = rows.width >= _FEWEST_LYING and last - rows.first + 1 < rows.width and columns[0].kind == "text"
-    if lies and not named and all(column.kind in ("number", "time") for column in columns[1:]):
+    if lies and all(column.kind in ("number", "time") for column in columns[1:]):
         raise InputError(
             f"recording {path} lies on its side: line {rows.first} has {show(rows.samples[0][0])} and then"
             f" {rows.width - 1} numbers; turn it, so that each signal is a column"

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ _SUSPICIOUS = re.compile(r"[0-9]\s*[;\t|, ]\s*[-+.]?[0-9]")  # a cell that a bet
 _SHOWN = 200  # characters of a cell in which this is looked for: the pattern takes the square of it
 _EITHER = (",", ".")  # marks between thousands that are decimal marks elsewhere
 _FRACTION = re.compile(r"[+-]?0[.,][0-9]+")
+_WHOLES = re.compile(r"(?:[+-]?[0-9]+,[0-9]+,?)+(?<!,)")  # of a row: numbers that are fractions, perhaps
 _TABBED = 0.9  # of the numbers that blanks and tabs part, which tabs alone part where they are the delimiter
 _DELIMITERS = (";", "\t", "|", ",", RUNS)
 
@@ -74,6 +76,33 @@ def _check_thousands(path: Path, rows: Sequence[Sequence[str]], cells: Cells) ->
         marked = [cell for cell in numbers if mark in cell]
         if marked and all(cell.count(mark) == 1 and cells.decimal not in cell for cell in marked) and marked == numbers:
             raise make_doubt(path, marked[0], mark)
+
+
+def check_no_fractions(path: Path, rows: Sequence[Sequence[str]], options: Mapping[str, Any]) -> None:
+    """Raise InputError for rows without names that commas part into whole numbers, which may be fractions, as 5,05 is.
+
+    They are no fractions in a single pair of cells whose first one rises in every row, as a time or a count does, and in pairs
+    whose second cells have different lengths.
+    """
+    width = len(rows[0])
+    if (
+        width % 2
+        or {"decimal", "delimiter"} & options.keys()
+        or not all(_WHOLES.fullmatch(",".join(row)) for row in rows)
+    ):
+        return
+    behind = [[row[number] for row in rows] for number in range(1, width, 2)]
+    even = all(len({*map(len, cells)}) == 1 for cells in behind)
+    padded = any(len(cell) > 1 and cell[0] == "0" for cells in behind for cell in cells)
+    first = [int(row[0]) for row in rows]
+    rises = all(one < other for one, other in pairwise(dict.fromkeys(first)))
+    counts = rises and len({*first}) == len({*map(tuple, rows)})
+    if even and len(behind[0][0]) > 1 and (padded or (width == 2 and not counts)):
+        cell = ",".join(next((row[:2] for row in rows if row[1][0] == "0"), rows[0][:2]))
+        raise InputError(
+            f"recording {path}: {cell!r} can be a fraction or two cells, and no line of names tells; set decimal = ',' or"
+            " delimiter = ',' in [file]"
+        )
 
 
 def make_group_pattern(mark: str) -> str:

@@ -152,3 +152,26 @@ def test_a_comma_behind_a_fraction_parts_cells(tmp_path: Path) -> None:
     text = "\n".join(["torque", *(f"{5.125 + row:.3f}," for row in range(ROWS)), ""])
     columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { number = 1, unit = "Nm" }\n'
     np.testing.assert_array_equal(read(tmp_path, text, columns=columns)["torque_nm"], 5.125 + np.arange(ROWS))
+
+
+@pytest.mark.parametrize("above", ["", "torque\n"])
+@pytest.mark.parametrize("pairs", [1, 2])
+def test_whole_numbers_that_may_be_fractions_are_asked_for(tmp_path: Path, above: str, pairs: int) -> None:
+    values = [5.0 + 0.05 * (row % 30) for row in range(ROWS)]
+    rows = [",".join([f"{value:.2f}".replace(".", ",")] * pairs) for value in values]
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { number = 1, unit = "Nm" }\n'
+    text = above + "\n".join([*rows, ""])
+    assert "'5,00' can be a fraction or two cells, and no line of names tells" in find_refusal(
+        tmp_path, text, "", columns
+    )
+    cells = read(tmp_path, text, 'delimiter = ","', columns)
+    np.testing.assert_array_equal(cells["torque_nm"], np.floor(np.array(values) + 1e-9))
+    if pairs == 1:
+        np.testing.assert_allclose(read(tmp_path, text, 'decimal = ","', columns)["torque_nm"], values)
+
+
+@pytest.mark.parametrize("rows", [["0,500", "1,510", "2,498"], ["7,500", "7,1510", "6,498"]], ids=["count", "lengths"])
+def test_whole_numbers_that_are_no_fractions_are_read_without_names(tmp_path: Path, rows: list[str]) -> None:
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { number = 2, unit = "Nm" }\n'
+    run = read(tmp_path, "\n".join([*rows, ""]), columns=columns)
+    assert run["torque_nm"].tolist() == [float(row.split(",")[1]) for row in rows]
