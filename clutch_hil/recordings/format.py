@@ -19,6 +19,7 @@ from protocols.errors import InputError
 from protocols.input_file import read_head
 
 GROUP = "clutch_hil.recording_formats"
+_SHOWN = 40  # bytes of a file in a message
 
 
 class RecordingFormat(Protocol):
@@ -79,7 +80,9 @@ def open_recording(path: Path, options: Mapping[str, Any] | None = None) -> Reco
     one, given = recognise(path), dict(options or {})
     if wrong := [key for key in given if key not in one.keys]:
         allowed = ", ".join(one.keys) or "no entry"
+        others = ", ".join(other.name for other in load_formats() if wrong[0] in other.keys and other is not one)
+        known = f"; it is one of {others}, and the file begins with {read_head(path)[:_SHOWN]!r}" if others else ""
         raise InputError(
-            f"import map: file.{wrong[0]} is not an option of {path}, which is {one.name}; allowed is {allowed}"
+            f"import map: file.{wrong[0]} is not an option of {path}, which is {one.name}; allowed is {allowed}{known}"
         )
     return one.open(path, given)

@@ -74,9 +74,9 @@ def recognise_text_log(head: bytes) -> TextLog | None:
     """Return the format of a text log that begins with `head`; None for other content."""
     encoding = _guess_encoding(head)
     text = head.decode(encoding, errors="replace")
-    if "\0" in text:
+    lines = [line.strip("\0 \t") for line in text.splitlines()]  # a logger that lost power leaves zero bytes
+    if "\0" in "".join(lines[:1]):
         return None
-    lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line and not line.startswith(("#", "//"))][:_HEAD_LINES]
     if not lines:
         return None

@@ -257,6 +257,8 @@ def _find_rows(
         raise InputError(f"recording {path} has {width} columns; allowed are {_MOST_COLUMNS}")
     usual = sorted(count for row, count in zip(rows, counts, strict=True) if len(row) == width and count)
     header_first = 1 if options.get("header") and "skip_lines" in options else 0  # then the names are the first line
+    if _numbers_columns(rows[0], [row for row in rows[1:] if len(row) == width], cells):
+        header_first = 1
     if usual:
         enough = 0.5 * usual[len(usual) // 2]
         near = [n for n in range(header_first, len(rows)) if len(rows[n]) == width and counts[n] >= enough]
@@ -291,6 +293,14 @@ def _find_rows(
         f"recording {path} has no rows of numbers{_list_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
         " delimiter, decimal or skip_lines in [file]"
     )
+
+
+def _numbers_columns(row: Sequence[str], after: Sequence[Sequence[str]], cells: Cells) -> bool:
+    """Whether a line is 0,1,2, as pandas writes for columns without names, above rows in which a column has fractions only."""
+    numbered = row[1:] if row[0] == "" else row
+    if len(after) < 2 or list(numbered) != [str(number) for number in range(len(numbered))]:
+        return False
+    return any(all(cells.decimal in other[number] for other in after) for number in range(len(row)))
 
 
 def _list_clocks(rows: Sequence[Sequence[str]], columns: Sequence[Column], cells: Cells) -> list[int]:

@@ -183,3 +183,11 @@ def test_a_channel_of_an_mf4_outside_of_its_record_is_refused(tmp_path: Path) ->
         open_recording(path)
     with pytest.raises(InputError, match="lies outside of its record"):
         read_bus_log(path)
+
+
+def test_zero_bytes_of_a_power_loss_do_not_hide_a_log(tmp_path: Path) -> None:
+    frame = b"(1.250000) can0 100#0011\n"
+    path = tmp_path / "bus.log"
+    path.write_bytes(frame * 5 + bytes(600) + b"\n" + frame.replace(b"1.25", b"1.75") * 5)
+    log = read_bus_log(path)
+    assert (len(log), log.damaged) == (10, 1)

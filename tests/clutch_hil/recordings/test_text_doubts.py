@@ -40,12 +40,12 @@ def test_a_number_that_stands_for_no_value_is_told_before_a_filter_spreads_it(tm
 
 def test_a_column_with_another_decimal_mark_is_told_as_such(tmp_path: Path) -> None:
     lines = [
-        f"{write_with_comma(time)};{torque:.4f};{write_with_comma(speed)}"
+        f"{write_with_comma(time)};{torque + 2.0:.3f};{write_with_comma(speed)}"
         for time, torque, speed in zip(TIME, TORQUE, SPEED, strict=True)
     ]
-    sentence = find_refusal(tmp_path, "\n".join([";".join(NAMES), *lines, ""]))
+    sentence = find_refusal(tmp_path, "\n".join([";".join(NAMES), *lines, ""]), 'decimal = ","\nthousands = ""')
     assert (
-        "holds text, such as '0.0000', whose decimal mark is not ',' as in other columns; allowed are numbers"
+        "holds text, such as '2.000', whose decimal mark is not ',' as in other columns; allowed are numbers"
         in sentence
     )
 
@@ -71,3 +71,9 @@ def test_even_ms_are_no_times_of_day(tmp_path: Path, step: int) -> None:
     text = make_table(times=[f"{step * row}" for row in range(ROWS)])
     run = read(tmp_path, text, columns=MAP.replace('unit = "s"', 'unit = "ms"'))
     np.testing.assert_allclose(run["time_s"], 1e-3 * step * np.arange(ROWS), atol=1e-9)
+
+
+def test_an_entry_for_logs_is_refused_with_the_beginning_of_the_text(tmp_path: Path) -> None:
+    sentence = find_refusal(tmp_path, "t100811\nt100822\n", 'dbc = "car.dbc"')
+    assert "file.dbc is not an option of" in sentence
+    assert "it is one of bus log, MDF, and the file begins with b't100811\\nt100822\\n'" in sentence

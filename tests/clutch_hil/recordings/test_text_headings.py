@@ -9,7 +9,7 @@ import pytest
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
-from tests.clutch_hil.recordings.text_files import NAMES, ROWS, SPEED, TIME, TORQUE
+from tests.clutch_hil.recordings.text_files import NAMES, ROWS, SPEED, TIME, TORQUE, convert_run, read
 
 RPM = np.pi / 30.0  # rad/s
 
@@ -366,3 +366,17 @@ def test_rows_before_all_sensors_answer_are_rows(tmp_path: Path, first: str) -> 
     )
     np.testing.assert_allclose(run["time_s"], TIME, atol=1e-9)
     np.testing.assert_allclose(run["torque_nm"], TORQUE)
+
+
+@pytest.mark.parametrize("index", [False, True])
+def test_the_numbers_of_columns_of_pandas_are_no_row(tmp_path: Path, index: bool) -> None:
+    rows = [f"{1.5 + 0.01 * row:.2f},{torque:.4f}" for row, torque in enumerate(TORQUE)]
+    text = "\n".join([",0,1", *(f"{k},{row}" for k, row in enumerate(rows)), ""] if index else ["0,1", *rows, ""])
+    first = 1 + index
+    columns = (
+        f'[columns]\ntime_s = {{ number = {first}, unit = "s" }}\ntorque_nm = {{ number = {first + 1}, unit = "Nm" }}\n'
+    )
+    run = read(tmp_path, text, columns=columns)
+    np.testing.assert_array_equal(run["torque_nm"], TORQUE)
+    assert run["time_s"][0] == 1.5
+    assert f"above the rows: {',' * index}0,1" in convert_run(run)
