@@ -37,7 +37,7 @@ _COMMON_UNITS = (
 )  # fmt: skip
 _UNIT_TEXT = re.compile(r"[\w%°/*^().-][\w %°/*^().-]*")
 _FORCE_PRODUCT = re.compile(
-    r"\b((?:[kMmuncd]|da)?N)(mm|cm|m|(?=s))(s?)\b"
+    r"\b((?:[kMmuncdµμ]|da)?N)(mm|cm|m|(?=s))(s?)\b"
 )  # Nm is a product; in pint it would be a number of textile metres
 _CELSIUS = re.compile(r"degC|°C")  # in a product or quotient it is a difference, of 1 K
 _GAMMA = "(rad/s)^gamma"  # SI for any gamma; a unit of friction maps

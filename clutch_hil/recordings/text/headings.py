@@ -14,6 +14,7 @@ from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.date_names import name_date_and_time
 from clutch_hil.recordings.text.footer import STATISTIC
 from clutch_hil.recordings.text.lines import RUNS, Line, split
+from clutch_hil.recordings.text.number_types import are_types
 from clutch_hil.recordings.text.stated_numbers import (
     list_common,
     list_numbers,
@@ -22,6 +23,7 @@ from clutch_hil.recordings.text.stated_numbers import (
     take_numbers_beside,
 )
 from clutch_hil.recordings.unit_in_name import is_unit, split_unit, strip_brackets
+from clutch_hil.recordings.unknown_unit import names_unit
 from protocols.errors import InputError
 
 _SEARCHED = 4  # lines above the first row in which names and units are looked for
@@ -33,12 +35,6 @@ _MOST_REMARKS = 20  # lines above the names that are kept
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
 _NUMBER = re.compile(r"[+-]?[0-9.,]*[0-9](?:[eE][+-]?[0-9]+)?")  # no unit, but for 1
 _ENTRY = re.compile(r"#?\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman, `,#voltbase=5000000(uV)` of Hantek
-# Names of types of numbers: of ETAS, LabVIEW, IEC 61131-3, NumPy and C. A line of them tells how a tool keeps its columns
-_TYPE = re.compile(
-    r"[fiur](?:4|8|16|32|64)|float(?:16|32|64)?|double|single|half|l?real(?:32|64)?|bool(?:ean)?(?:_t)?|string"
-    r"|u?(?:byte|word|long|char|short)|s(?:byte|word|long)|[dl]word|u?[sdl]?int(?:8|16|32|64)?(?:_t)?|dbl|sgl|ext",
-    re.IGNORECASE,
-)
 _LABEL = re.compile(
     r"(.*[\W_]|[vy])?(units?|einheit(en)?|unités?)([\W_]+label)?\W*", re.IGNORECASE
 )  # before the units of a line
@@ -114,7 +110,7 @@ def find_headings(
         units = _find_line(path, above, rows, options["units_row"], width)
     elif sought:
         near = _list_nearest(top, rows, cells)
-        units = next((n for n in near if _are_units(rows[n]) and not _are_types(rows[n])), None)
+        units = next((n for n in near if _are_units(rows[n]) and not are_types(rows[n])), None)
         if units is None:  # `Y_Unit_Label` of LabVIEW stands further above the names
             labelled = (n for n in range(top - 1, max(top - 1 - _MOST_REMARKS, -1), -1) if _is_label(rows[n][:1]))
             units = next((n for n in labelled if _are_units(rows[n])), None)
@@ -146,17 +142,18 @@ def find_headings(
         rows[names] if names is not None else [""] * width, rows[units] if units is not None else [""] * width
     )
     others_above = [line for number, line in enumerate(above) if number not in used]
+    others_split = [split(line.text, delimiter) for line in others_above]
     listed = _find_listed_units(parts[0], parts[2], remarks, delimiter)
     return Headings(
         *parts[:2],
         [own or listed.get(name, "") for name, own in zip(parts[0], parts[2], strict=True)],
         list_numbers(others_above, cells)
-        | (list_pairs(rows, cells) if paired else list_common((split(o.text, delimiter) for o in others_above), cells))
+        | (list_pairs(rows, cells) if paired else list_common(others_split, cells))
         | beside,
         notes,
         int(units is not None),
         _list_firsts(above, used, delimiter, cells),
-        list_scalings(rows, width, paired is not None, cells),
+        list_scalings(rows, others_split, width, paired is not None, cells),
     )
 
 
@@ -198,8 +195,8 @@ def _find_names(
     that one has gaps or no time: `Clutch;;Motor` over `torque;pressure;speed` names groups, `;SN 12;SN 13` below them sensors.
     """
     near = [n for n in _list_nearest(len(above), rows, cells) if n != units and are_names(rows[n], cells, width)]
-    if any(not _are_types(rows[n]) for n in near):
-        near = [n for n in near if not _are_types(rows[n])]
+    if any(not are_types(rows[n]) for n in near):
+        near = [n for n in near if not are_types(rows[n])]
     if any(not above[n].comment for n in near):  # a comment has the names only where nothing else has
         near = [n for n in near if not above[n].comment]
     if not near:
@@ -279,12 +276,6 @@ def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
     )
 
 
-def _are_types(row: Sequence[str]) -> bool:
-    """Whether the cells are types of numbers."""
-    given = [strip_brackets(cell) for cell in row if cell]
-    return bool(given) and all(map(_TYPE.fullmatch, given))
-
-
 def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[str]], wanted: int, width: int) -> int:
     """The line `wanted` as the import map counts it. Raises InputError where it has no units."""
     for number, line in enumerate(above):
@@ -359,7 +350,7 @@ def _are_units(row: Sequence[str]) -> bool:
     given = [cell for cell in (row[1:] if _is_label(row[:1]) else row) if cell and cell not in ("-", "--")][
         :_JUDGED_UNITS
     ]
-    units = [cell for cell in given if is_unit(strip_brackets(cell)) or _LABELLED.fullmatch(cell)]
+    units = [cell for cell in given if names_unit(strip_brackets(cell)) or _LABELLED.fullmatch(cell)]
     if len(units) < len(given):  # the number of a channel before its name and unit is none
         units = [cell for cell in units if not cell.isdigit()]
     known = sum(cell == "1" or not _NUMBER.fullmatch(cell) for cell in units)

@@ -26,12 +26,19 @@ _ENTRY = re.compile(
 )  # in a cell, of seconds perhaps
 
 
-def list_scalings(rows: Mapping[int, Sequence[str]], width: int, paired: bool, cells: Cells) -> list[str]:
-    """Factors and offsets of each column, of lines with such a label before their numbers, or before each of them."""
+def list_scalings(
+    rows: Mapping[int, Sequence[str]], others: Iterable[Sequence[str]], width: int, paired: bool, cells: Cells
+) -> list[str]:
+    """Factors and offsets of each column, of lines with such a label before their numbers, or before each of them.
+
+    rows: lines with as many cells as a row. others: those of all lines, in which the label may be one more cell.
+    """
     lines = [row for row in rows.values() if len(row) == width > 1 and is_scaling(row[0])]
-    labelled = [row for row in lines if all(map(cells.is_number, row[1 :: 1 + paired]))]
+    labelled = [(row[0], row) for row in lines if all(map(cells.is_number, row[1 :: 1 + paired]))]
+    longer = [row for row in others if len(row) == width + 1 > 2 and is_scaling(row[0])]
+    labelled += [(row[0], row[1:]) for row in longer if all(map(cells.is_number, row[1:]))]
     return [
-        describe_scaling((row[0], cells.read_number(row[n])) for row in labelled if cells.is_number(row[n]))
+        describe_scaling((label, cells.read_number(row[n])) for label, row in labelled if cells.is_number(row[n]))
         for n in (range(width) if labelled else ())
     ]
 

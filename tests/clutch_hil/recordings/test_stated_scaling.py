@@ -120,3 +120,12 @@ def test_a_list_of_factors_is_told(value: object, message: str) -> None:
 )  # fmt: skip
 def test_a_factor_belongs_to_what_its_name_says(name: str, message: str) -> None:
     assert describe_scaling_beside("torque", {name: 2.0}) == message
+
+
+@pytest.mark.parametrize("label", ["Factor;1;0.02", "Gain;1;0.02\nOffset;0;-100"])
+def test_a_factor_whose_line_has_a_label_that_rows_lack_is_asked_about(tmp_path: Path, label: str) -> None:
+    path = tmp_path / "recording.csv"
+    rows = (f"{time:.2f};{count}" for time, count in zip(TIME, COUNTS, strict=True))
+    path.write_text("\n".join([label, "time;torque", "s;Nm", *rows, ""]))
+    columns = '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque" }\n'
+    assert "the file states" in find_refusal(tmp_path, path, columns)
