@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,9 @@ _MOST_LISTED = 2000  # lines above the names that may list channels: as many as 
 _MOST_REMARKS = 20  # lines above the names that are kept
 _NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
 _NUMBER = re.compile(r"[+-]?[0-9.,]*[0-9](?:[eE][+-]?[0-9]+)?")  # no unit, but for 1
-_ENTRY = re.compile(r"#?\w+\s*=\s*\S")  # `SR=100 Hz` below the names of catman, `,#voltbase=5000000(uV)` of Hantek
+_ENTRY = re.compile(
+    r"[,;\s]*#?\w+\s*=\s*\S"
+)  # `SR=100 Hz` below the names of catman, `,#voltbase=5000000(uV)` of Hantek
 _LABEL = re.compile(
     r"(.*[\W_]|[vy])?(units?|einheit(en)?|unités?)([\W_]+label)?\W*", re.IGNORECASE
 )  # before the units of a line
@@ -110,7 +112,8 @@ def find_headings(
         units = _find_line(path, above, rows, options["units_row"], width)
     elif sought:
         near = _list_nearest(top, rows, cells)
-        units = next((n for n in near if _are_units(rows[n]) and not are_types(rows[n])), None)
+        plain = [n for n in near if not are_types(rows[n])]
+        units = next((n for known in (is_unit, names_unit) for n in plain if _are_units(rows[n], known)), None)
         if units is None:  # `Y_Unit_Label` of LabVIEW stands further above the names
             labelled = (n for n in range(top - 1, max(top - 1 - _MOST_REMARKS, -1), -1) if _is_label(rows[n][:1]))
             units = next((n for n in labelled if _are_units(rows[n])), None)
@@ -341,8 +344,11 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
     return []
 
 
-def _are_units(row: Sequence[str]) -> bool:
-    """Whether the cells are units: more known ones than others, and these short; behind a label, of half of the columns."""
+def _are_units(row: Sequence[str], known_as: Callable[[str], bool] = is_unit) -> bool:
+    """Whether the cells are units: more known ones than others, and these short; behind a label, of half of the columns.
+
+    known_as: whether a cell is a known unit.
+    """
     if _is_label(row[:1]) and 2 * sum(map(bool, row[1:])) < len(row):
         return False
     if row and _AXIS_LABEL.fullmatch(row[0]):
@@ -350,7 +356,7 @@ def _are_units(row: Sequence[str]) -> bool:
     given = [cell for cell in (row[1:] if _is_label(row[:1]) else row) if cell and cell not in ("-", "--")][
         :_JUDGED_UNITS
     ]
-    units = [cell for cell in given if names_unit(strip_brackets(cell)) or _LABELLED.fullmatch(cell)]
+    units = [cell for cell in given if known_as(strip_brackets(cell)) or _LABELLED.fullmatch(cell)]
     if len(units) < len(given):  # the number of a channel before its name and unit is none
         units = [cell for cell in units if not cell.isdigit()]
     known = sum(cell == "1" or not _NUMBER.fullmatch(cell) for cell in units)

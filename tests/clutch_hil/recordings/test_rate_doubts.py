@@ -255,10 +255,12 @@ def test_the_rate_beside_the_first_rows_is_compared(tmp_path: Path) -> None:
     np.testing.assert_allclose(import_by(tmp_path, path, columns.format(100.0))["torque_nm"], TORQUE)
 
 
-def test_volts_of_a_division_are_no_unit_of_a_column(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lead", ["{}.0E-02,", ""])
+def test_volts_of_a_division_are_no_unit_of_a_column(tmp_path: Path, lead: str) -> None:
     head = "#timebase=2000000000(ps)\n,#voltbase=5000000(uV)\n#size=60"
-    path = write_below(tmp_path, head, "{}.0E-02,")
-    columns = '[columns]\ntime_s = { number = 1, unit = "s" }\nvalve_voltage_v = { number = 2, unit = "V" }\n'
+    path = write_below(tmp_path, head, lead)
+    number = 1 + bool(lead)
+    columns = f'[columns]\ntime_s = {{ rate_hz = 100.0 }}\nvalve_voltage_v = {{ number = {number}, unit = "V" }}\n'
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["valve_voltage_v"], TORQUE)
 
 

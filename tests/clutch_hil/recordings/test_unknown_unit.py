@@ -96,3 +96,11 @@ def test_a_line_of_units_with_a_factor_has_no_names(tmp_path: Path, unit: str) -
 
 def test_names_with_numbers_are_no_units() -> None:
     assert not any(map(names_unit, ("5V", "3D", "T1", "x1", "CH1", "Speed 1", "2", "?", "")))
+
+
+@pytest.mark.parametrize("below", ["100 Hz;50 Hz", "10 s;5 kNm"])
+def test_a_line_of_rates_or_ranges_below_the_units_has_no_units(tmp_path: Path, below: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"time;torque\ns;kNm\n{below}\n" + "".join(f"{0.01 * n:.2f};{5 + n % 3}.5\n" for n in range(50)))
+    columns = '[columns]\ntime_s = { from = "time" }\ntorque_nm = { from = "torque" }\n'
+    assert import_by(tmp_path, path, columns)["torque_nm"][0] == pytest.approx(5500.0)
