@@ -23,7 +23,9 @@ _DASH = re.compile(f'(?:(?<=[\\n;,\\t|"])|^)[{_DASHES}](?=[0-9])')
 _BEGIN, _END = rb"(?m)(?:(?<=[;,\t| ])|^)", rb"(?=[;,\t| \r]|$)"  # of a cell
 _FORMULA = re.compile(_BEGIN + rb'(?:"=""([^"\n]*)"""|="([^"\n]*)")' + _END)
 _QUOTED = re.compile(_BEGIN + rb"'([^'\"\n;\t|]*)'" + _END)
-_MARKED = re.compile(_BEGIN + rb"'([+-]?[0-9]+(?:[.,][0-9]+)*(?:[eE][+-]?[0-9]+)?)" + _END)
+# A comma is in a number where other delimiters are there, and parts cells elsewhere
+_MARKED = re.compile(_BEGIN + rb"'([+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)" + _END)
+_MARKED_COMMA = re.compile(rb"(?m)(?:(?<=[;\t| ])|^)'([+-]?[0-9]+(?:[.,][0-9]+)*(?:[eE][+-]?[0-9]+)?)(?=[;\t| \r]|$)")
 
 
 def strip_marks_of_text(lines: bytes) -> bytes:
@@ -31,7 +33,8 @@ def strip_marks_of_text(lines: bytes) -> bytes:
     if b'="' in lines:
         lines = _FORMULA.sub(rb'"\1\2"', lines)
     if b"'" in lines:
-        lines = _MARKED.sub(rb'"\1"', _QUOTED.sub(rb'"\1"', lines))
+        marked = _MARKED_COMMA if b";" in lines or b"\t" in lines else _MARKED
+        lines = marked.sub(rb'"\1"', _QUOTED.sub(rb'"\1"', lines))
     return lines
 
 

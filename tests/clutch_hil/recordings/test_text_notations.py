@@ -33,6 +33,7 @@ NOTATIONS: dict[str, Callable[[float], str]] = {
     "formula in quotes": '"=""{:.4f}"""'.format,
     "single quotes": "'{:.4f}'".format,
     "mark of text": "'{:.4f}".format,
+    "mark of text, comma": lambda value: "'" + write_with_comma(value),
     "bookkeeping": write_bookkeeping,
     "minus behind": write_sap,
 }
@@ -44,6 +45,13 @@ def test_numbers_are_read_in_each_notation(tmp_path: Path, name: str) -> None:
     assert_right(run)
     below = "numbers in brackets, such as (0.5), or with a minus behind, 0.5-, are below 0"
     assert (below in convert_run(run)) == (name in ("bookkeeping", "minus behind"))
+
+
+@pytest.mark.parametrize("first", ["'{:.4f}", "'{:.0f}"])
+def test_a_mark_of_text_takes_no_cells_behind_a_comma(tmp_path: Path, first: str) -> None:
+    times = [first.format(100.0 * t) for t in TIME]
+    run = read(tmp_path, make_table(",", times=times), columns=MAP.replace('unit = "s"', 'unit = "s", scale = 0.01'))
+    assert_right(run)
 
 
 def test_names_in_single_quotes_are_without_them(tmp_path: Path) -> None:
