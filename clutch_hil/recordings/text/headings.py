@@ -96,7 +96,7 @@ def find_headings(
     _check_no_rows(path, above, widths[0], delimiter, cells)
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
     if date >= 0:
-        rows = {n: name_date_and_time(row, above[n], delimiter, widths[0], date) for n, row in rows.items()}
+        rows = {n: name_date_and_time(row, above[n], delimiter, widths, date) for n, row in rows.items()}
     names = units = None
     filled = widths[0] == width  # else the missing name is that of the empty last column
     if counted and top and filled and (row := _add_name_of_rows(above[-1], width, delimiter)):

@@ -258,7 +258,12 @@ def _find_rows(
     usual = sorted(count for row, count in zip(rows, counts, strict=True) if len(row) == width and count)
     header_first = 1 if options.get("header") and "skip_lines" in options else 0  # then the names are the first line
     if _numbers_columns(rows[0], [row for row in rows[1:] if len(row) == width], cells):
-        header_first = 1
+        if "header" not in options and rows[0][0]:
+            raise InputError(
+                f"recording {path}: line {lines[0].number}, {show(lines[0].text)}, can be a row or the numbers of columns; set"
+                " header = false or header = true in [file]"
+            )
+        header_first = max(header_first, int(options.get("header", True)))
     if usual:
         enough = 0.5 * usual[len(usual) // 2]
         near = [n for n in range(header_first, len(rows)) if len(rows[n]) == width and counts[n] >= enough]

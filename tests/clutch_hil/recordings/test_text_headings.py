@@ -8,8 +8,9 @@ import pytest
 
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
+from protocols.errors import InputError
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
-from tests.clutch_hil.recordings.text_files import NAMES, ROWS, SPEED, TIME, TORQUE, convert_run, read
+from tests.clutch_hil.recordings.text_files import NAMES, ROWS, SPEED, TIME, TORQUE, read
 
 RPM = np.pi / 30.0  # rad/s
 
@@ -376,7 +377,13 @@ def test_the_numbers_of_columns_of_pandas_are_no_row(tmp_path: Path, index: bool
     columns = (
         f'[columns]\ntime_s = {{ number = {first}, unit = "s" }}\ntorque_nm = {{ number = {first + 1}, unit = "Nm" }}\n'
     )
-    run = read(tmp_path, text, columns=columns)
+    if not index:
+        (tmp_path / "recording.csv").write_text(text)
+        assert "line 1, '0,1', can be a row or the numbers of columns; set header = false or header = true" in (
+            find_refusal(tmp_path, tmp_path / "recording.csv", columns)
+        )
+        with pytest.raises(InputError, match=r"jumps by 1\.5 s after row 0"):
+            read(tmp_path, text, "header = false", columns)
+    run = read(tmp_path, text, "" if index else "header = true", columns)
     np.testing.assert_array_equal(run["torque_nm"], TORQUE)
     assert run["time_s"][0] == 1.5
-    assert f"above the rows: {',' * index}0,1" in convert_run(run)

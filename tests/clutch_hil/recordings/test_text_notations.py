@@ -144,9 +144,10 @@ def test_a_part_of_a_week_is_no_time_format(tmp_path: Path) -> None:
 def test_date_and_time_in_two_columns_have_one_name(tmp_path: Path, header: str) -> None:
     begin = datetime(2026, 11, 29, 23, 59, 59, 700000, tzinfo=UTC)
     times = [f"{begin + timedelta(seconds=float(t)):%d.%m.%Y;%H:%M:%S.%f}" for t in TIME]
-    run = read(tmp_path, make_table(";", header=header, times=times))
-    assert_right(run)
-    assert "recorded at 2026-11-29T23:59:59.700000" in convert_run(run)
+    for end in ("", ";"):
+        run = read(tmp_path, make_table(";", header=header, times=times, end=end))
+        assert_right(run)
+        assert "recorded at 2026-11-29T23:59:59.700000" in convert_run(run)
 
 
 @pytest.mark.parametrize("quote", ['"', ""])
