@@ -117,4 +117,6 @@ def _format_result(result: "Result") -> str:
     checks = ["checks:", *(f"  {finding}" for finding in findings)] if findings else []
     others = [note for note in result.notes if note not in findings]
     notes = ["notes:", *(f"  {note}" for note in others)] if others else []
-    return "\n".join([*checks, *where, *(["fitted:", *fitted] if fitted else []), *notes, f"{result.seconds:.1f} s"])
+    return "\n".join(
+        [*checks, *where, *(["fitted:", *fitted] if fitted else []), *notes, f"search took {result.seconds:.1f} s"]
+    )

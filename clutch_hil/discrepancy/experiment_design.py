@@ -247,7 +247,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
         closest = max(closest, least)
     return proposal | {
         "why": f"none of {len(comparisons)} experiments separates {pair}: re-fitted to each other they differ by at most"
-        f" {np.sqrt(closest):.1f} standard deviations, needed are {np.sqrt(LEAST_SEPARATION):.0f}",
+        f" {np.sqrt(closest):.1f} standard deviations, {np.sqrt(LEAST_SEPARATION):.0f} are needed",
         "standard_deviations": float(np.sqrt(closest)),
     }
 

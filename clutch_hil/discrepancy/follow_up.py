@@ -92,7 +92,7 @@ def read_proposal(source: str, proposed: Any) -> Experiment:
         return Experiment(str(proposed["profile"]), float(settings["temperature"]), int(settings["rate"]), shift)
     except (KeyError, TypeError, ValueError):
         raise InputError(
-            f"{source}: settings of the experiment are {settings!r}; needed are temperature and rate"
+            f"{source}: settings of the experiment are {settings!r}; temperature and rate are needed"
         ) from None
 
 

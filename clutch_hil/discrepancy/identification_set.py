@@ -227,7 +227,7 @@ def play_until_reached(
 def _describe_kept(runs: Sequence[Path]) -> str:
     """Return a clause that names the complete runs."""
     return (
-        f"; complete are {', '.join(map(str, runs))}: use them with clutch-hil identify"
+        f"; these runs are complete, for clutch-hil identify: {', '.join(map(str, runs))}"
         if runs
         else "; no run is complete"
     )

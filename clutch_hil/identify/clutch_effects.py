@@ -176,7 +176,7 @@ def _list_bounds(name: str) -> tuple[float, float]:
 def _make_vented_check(what: str) -> Callable[[Vented, Samples], str]:
     def need(vented: Vented, samples: Samples) -> str:
         return "" if vented.seconds >= _LEAST_VENTED else (
-            f"{what} needs rows without valve voltage; these runs have {vented.seconds:.2g} s, needed is {_LEAST_VENTED:g}"
+            f"{what} needs rows without valve voltage; these runs have {vented.seconds:.2g} s, {_LEAST_VENTED:g} s is needed"
         )  # fmt: skip
 
     return need
@@ -185,8 +185,8 @@ def _make_vented_check(what: str) -> Callable[[Vented, Samples], str]:
 def _check_drag(vented: Vented, samples: Samples) -> str:
     return _make_vented_check("the drag of the open clutch")(vented, samples) or (
         "" if vented.span >= _LEAST_SPAN else
-        f"the drag of the open clutch needs slips that differ; these runs span {vented.span:.2g} rad/s, needed is"
-        f" {_LEAST_SPAN:g}"
+        f"the drag of the open clutch needs slips that differ; these runs span {vented.span:.2g} rad/s,"
+        f" {_LEAST_SPAN:g} rad/s is needed"
     )  # fmt: skip
 
 
@@ -208,7 +208,8 @@ def _check_drive(vented: Vented, samples: Samples) -> str:
 def _delay_need(vented: Vented, samples: Samples) -> str:
     rate = float(np.quantile(np.abs(samples.pressure_rate), 0.99)) if len(samples.pressure_rate) else 0.0
     return "" if rate >= _LEAST_RATE else (
-        f"the valve's delay needs a pressure that changes fast; these runs reach {rate:.2g} bar/s, needed is {_LEAST_RATE:g}"
+        f"the valve's delay needs a pressure that changes fast; these runs reach {rate:.2g} bar/s,"
+        f" {_LEAST_RATE:g} bar/s is needed"
     )  # fmt: skip
 
 

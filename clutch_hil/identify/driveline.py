@@ -294,14 +294,14 @@ def _list_silent(
     rate = float(np.quantile(np.abs(rates), 0.99))
     needs = {
         ("motor.inertia", "motor.proportional_gain", "motor.integral_gain"): (rate >= 30.0, (
-            f"inertia and drive need an input speed that changes; these runs reach {rate:.2g} rad/s^2, needed is 30"
+            f"inertia and drive need an input speed that changes; these runs reach {rate:.2g} rad/s^2, 30 rad/s^2 is needed"
         )),
         ("driveline.vehicle_inertia", "driveline.rolling_resistance"): (change >= _LEAST_CHANGE, (
-            f"the vehicle must be driven; the output speed changes by {change:.2g} rad/s, needed is {_LEAST_CHANGE:g}"
+            f"the vehicle must be driven; the output speed changes by {change:.2g} rad/s, {_LEAST_CHANGE:g} rad/s is needed"
         )),
         ("driveline.grade",): (min(ways) >= _LEAST_TIME, (
             "the grade is separated from rolling resistance by driving in both directions; these runs drive"
-            f" {ways[0]:.2g} s forward and {ways[1]:.2g} s backward, needed is {_LEAST_TIME:g} s"
+            f" {ways[0]:.2g} s forward and {ways[1]:.2g} s backward, {_LEAST_TIME:g} s of each is needed"
         )),
         ("driveline.drag_area",): (drag >= _LEAST_DRAG, (
             f"the air drag needs a high speed; at the highest speed of these runs it is about {drag:.2g} Nm, needed"

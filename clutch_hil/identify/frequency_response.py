@@ -181,7 +181,7 @@ class LoopResponse:
             low = channel.coherence[channel.frequency <= end]
             if len(low) and low.min() < _LEAST_COHERENCE:
                 warnings.append(
-                    f"{name} has a coherence of {low.min():.2g} below its bandwidth, needed is {_LEAST_COHERENCE:g}: play a"
+                    f"{name} has a coherence of {low.min():.2g} below its bandwidth, {_LEAST_COHERENCE:g} is needed: play a"
                     " multisine of the pressure, or a larger one"
                 )
             if channel.bandwidth is None:

@@ -56,7 +56,7 @@ def find_motor_limit(runs: Mapping[str, Columns], declared: float, most: float) 
         )
     row = int(np.argmax(np.abs(runs[name][_TORQUE])))
     text = (
-        f"is {runs[name][_TORQUE][row]:.4g} Nm in row {row}, but the declared motor gives {declared:g} Nm: the rig is"
+        f"is {runs[name][_TORQUE][row]:.4g} Nm, but the declared motor gives {declared:g} Nm: the rig is"
         f" taken as a larger one, whose motor gives {limit:.4g} Nm. Check the unit; --hold {LIMIT}=... sets another limit"
     )
     return limit, [Finding("larger", _TORQUE, (row, row), text, False, name)]

@@ -174,7 +174,7 @@ def _split(evidence: Evidenced, clutch: str) -> Evidenced:
         measured[name] = drive_by_slip(select_clutch_columns(run, clutch))
     if not measured:
         raise InputError(
-            f"the runs do not open the valve of clutch {clutch}; needed are runs in which it carries torque"
+            f"the runs do not open the valve of clutch {clutch}; runs in which it carries torque are needed"
         )
     findings = [f for f in evidence.findings if f.run in measured]
     return Evidenced(measured, {name: evidence.hashes[name] for name in measured}, findings)

@@ -58,8 +58,8 @@ def estimate_start(
     line = estimate_contact(samples)
     if line is None:
         raise InputError(
-            "the runs show no torque that rises with the pressure at sliding plates; needed is a staircase or a ramp of"
-            f" pressures in contact, at a slip above 1 rad/s{_describe_ends(runs)}"
+            "the runs show no torque that rises with the pressure at sliding plates; a staircase or a ramp of"
+            f" pressures in contact, at a slip above 1 rad/s, is needed{_describe_ends(runs)}"
         )
     slope, zero = line
     low, high = declared["clutch.coulomb_slope"].bounds

@@ -49,7 +49,7 @@ def measure_stick(runs: Sequence[Columns], values: Values) -> Stick:
         return Stick(
             None,
             f"the stick stiffness needs plates at rest under a changing torque; these runs have {count} such"
-            f" stretches, needed are {_LEAST_STRETCHES}: play the experiment reversals",
+            f" stretches, {_LEAST_STRETCHES} are needed: play the experiment reversals",
         )
     best = _fit(stretches)
     without = np.array([_fit(stretches[:k] + stretches[k + 1 :]) for k in range(count)])

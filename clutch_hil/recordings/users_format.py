@@ -64,7 +64,7 @@ class _UsersRecording:
 
 def _check_members(thing: Any, needed: Sequence[str], what: str) -> None:
     if lacking := [name for name in needed if not hasattr(thing, name)]:
-        raise InputError(f"{what} lacks {lacking[0]}; needed are {', '.join(needed)}")
+        raise InputError(f"{what} lacks {lacking[0]}; {', '.join(needed)} are needed")
 
 
 @contextmanager

@@ -131,7 +131,7 @@ def simulate_slide(
     require("damping", damping, least=0.0, unit="Ns/m")
     force = check_real("force [N]", force)
     if force.ndim != 1 or force.size == 0:
-        raise InputError(f"force has shape {force.shape}; needed is one value or more in one dimension")
+        raise InputError(f"force has shape {force.shape}; one value or more is needed, in one dimension")
     if require_whole("every", every) > force.size:
         raise InputError(f"every is {every}; allowed is at most the {force.size} steps")
     loads, anchors = check_signal("load", load, force.size), check_signal("anchor", anchor, force.size)

@@ -119,7 +119,7 @@ def require_type(name: str, value: object, *kinds: type) -> None:
     """Raise InputError unless `value` is an instance of one of `kinds`."""
     if not isinstance(value, kinds):
         names = " or ".join(k.__name__ for k in kinds)
-        raise InputError(f"{name} is {value!r:.60}; needed is a {names}")
+        raise InputError(f"{name} is {value!r:.60}; a {names} is needed")
 
 
 def check_real(name: str, values: object) -> Array:
@@ -147,7 +147,7 @@ def check_motion(position: object, load: object) -> tuple[Array, Array]:
     """Return the position (n,), n >= 1, and normal load (n,), 0 or more, of a motion for a model. Raises InputError."""
     positions = check_real("position", position)
     if positions.ndim != 1 or positions.size < 1:
-        raise InputError(f"position has shape {positions.shape}; needed is one value or more in one dimension")
+        raise InputError(f"position has shape {positions.shape}; one value or more is needed, in one dimension")
     loads = check_signal("load", load, positions.size)
     require("least load", float(loads.min()), least=0.0)
     return positions, loads
@@ -160,7 +160,7 @@ def check_element_values(name: str, values: object, above: float = 0.0, infinite
     except (TypeError, ValueError):
         raise InputError(f"{name} is {values!r:.60}; allowed are numbers, one for each element") from None
     if vector.ndim != 1 or vector.size == 0:
-        raise InputError(f"{name} has shape {vector.shape}; needed is one value for each element")
+        raise InputError(f"{name} has shape {vector.shape}; one value for each element is needed")
     bad = ~(vector > above) | (np.isinf(vector) & (not infinite))
     if bad.any():
         i = int(np.argmax(bad))

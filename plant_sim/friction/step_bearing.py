@@ -190,7 +190,7 @@ class StepBearing:
         require("load", load, above=0.0, unit="Pa")
         require("time step", dt, above=0.0)
         if sliding.ndim != 1 or sliding.size < 1:
-            raise InputError(f"sliding has shape {sliding.shape}; needed is one value or more in one dimension")
+            raise InputError(f"sliding has shape {sliding.shape}; one value or more is needed, in one dimension")
         if gap is None:
             gap = self.steady_gap(float(sliding[0]), load)
         require("gap at the start", gap, above=0.0)

@@ -217,14 +217,14 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
         header = tuple(next(rows, ()))
         if len(set(header)) < len(header) or not set(needed) <= set(header) <= {*needed, *optional}:
             raise InputError(
-                f"{kind} {path} has the columns {', '.join(header) or '-'}; needed are {', '.join(needed)}"
-                f", optional are {', '.join(optional)}"
+                f"{kind} {path} has the columns {', '.join(header) or '-'}; {', '.join(needed)} are needed,"
+                f" {', '.join(optional)} are optional"
             )
         table = [row for row in rows if row]
     except csv.Error as error:
         raise InputError(f"{kind} {path} cannot be read: {error}") from None
     if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(header)), None):
-        raise InputError(f"{kind} {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")
+        raise InputError(f"{kind} {path}, row {bad} has {len(table[bad - 1])} cells; {len(header)} are needed")
     values = [
         [_parse_number(cell, f"{kind} {path}, row {i}: {name}") for cell, name in zip(row, header, strict=True)]
         for i, row in enumerate(table, 1)

@@ -86,8 +86,8 @@ def estimate_response(
     realisations, periods, _ = inputs.shape
     if realisations < 2 or periods < 2:
         raise InputError(
-            f"there are {realisations} realisations of {periods} periods; needed are at least 2 of 2 to separate noise"
-            " from distortion"
+            f"there are {realisations} realisations of {periods} periods; at least 2 of 2 are needed to separate"
+            " noise from distortion"
         )
     u = np.fft.rfft(inputs)[..., source.lines] / source.samples
     y = np.fft.rfft(outputs)[..., source.lines] / source.samples

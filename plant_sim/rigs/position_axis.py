@@ -167,7 +167,7 @@ class PositionAxis:
         force = check_real("motor force [N]", motor_force)
         if force.ndim != 1 or force.size < LEAST_SAMPLES:
             raise InputError(
-                f"motor force has shape {force.shape}; needed is one value for each of {LEAST_SAMPLES} periods or more"
+                f"motor force has shape {force.shape}; one value for each of {LEAST_SAMPLES} periods or more is needed"
             )
         time = self.period * np.arange(force.size)
         random = None if seed is None else np.random.default_rng(seed)
@@ -241,5 +241,5 @@ def load_nominal_friction(parameters: ParameterSet) -> XGMS:
 def _count_samples(name: str, values: Array | float, n: int) -> Array:
     values = check_real(name, values)
     if values.shape not in ((), (n,)):
-        raise InputError(f"{name} has shape {values.shape}; needed is one finite number or one for each of {n} samples")
+        raise InputError(f"{name} has shape {values.shape}; one finite number or one for each of {n} samples is needed")
     return np.full(n, values)

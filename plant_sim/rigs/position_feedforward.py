@@ -70,7 +70,9 @@ class Feedforward:
         """
         time, load = check_real("time [s]", time), check_real("load [N]", load)
         if time.ndim != 1 or time.size < LEAST_SAMPLES:
-            raise InputError(f"time has shape {time.shape}; needed are {LEAST_SAMPLES} values or more in one dimension")
+            raise InputError(
+                f"time has shape {time.shape}; {LEAST_SAMPLES} values or more are needed, in one dimension"
+            )
         if load.shape not in ((), time.shape):
             raise InputError(f"load has shape {load.shape}; allowed is one value, or one for each of {time.size} times")
         period = float(time[1] - time[0])
@@ -104,7 +106,7 @@ def multisine(rms: float, lowest: float, highest: float, period: float, seed: in
     lines = np.arange(round(lowest * period), round(highest * period) + 1) / period
     if lines.size == 0 or not lines[0] > 0.0:
         raise InputError(
-            f"multisine has lines from {lowest:g} to {highest:g} Hz; needed are frequencies that rise from above 0"
+            f"multisine has lines from {lowest:g} to {highest:g} Hz; frequencies that rise from above 0 are needed"
         )
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
     amplitudes = rms * np.sqrt(2.0 / np.sum(lines**-2.0)) / lines

@@ -49,6 +49,6 @@ def sample_signal(name: str, signal: Signal, time: Array) -> Array:
     values = check_real(name, signal(time) if callable(signal) else signal)
     if values.shape not in ((), time.shape):
         raise InputError(
-            f"{name} has shape {values.shape}; needed is one value, or one for each of {time.size} samples"
+            f"{name} has shape {values.shape}; one value is needed, or one for each of {time.size} samples"
         )
     return np.array(np.broadcast_to(values, time.shape))

@@ -41,7 +41,7 @@ class Chain:
     def __post_init__(self) -> None:
         """Check that nothing is without inertia or stiffness, and that no damper drives."""
         if len(self.inertia) != 3 or not min(self.inertia) > 0.0:
-            raise InputError(f"the inertias of the structure are {self.inertia}; needed are three, all above 0")
+            raise InputError(f"the inertias of the structure are {self.inertia}; three are needed, all above 0")
         if not min(self.table_stiffness, self.coupling_stiffness) > 0.0:
             raise InputError(
                 f"the stiffnesses of table and coupling are {self.table_stiffness:g} and {self.coupling_stiffness:g};"

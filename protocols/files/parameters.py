@@ -132,7 +132,7 @@ def read_rig(path: Path) -> str:
     rig = head.get("rig") if isinstance(head, dict) else None
     if not isinstance(rig, str):
         raise InputError(
-            f"{path} names no rig in a table [{CALIBRATION}]; needed is a calibration.toml of clutch-hil identify"
+            f"{path} names no rig in a table [{CALIBRATION}]; a calibration.toml of clutch-hil identify is needed"
         )
     return rig
 

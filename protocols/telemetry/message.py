@@ -79,21 +79,21 @@ def check_event(value: Any) -> dict[str, Any]:
 def check_events(value: Any) -> list[dict[str, Any]]:
     """Return `value` if it is a valid list of parameter changes."""
     if not isinstance(value, list):
-        raise InputError(f"events are {_shorten(value)}; needed is a list")
+        raise InputError(f"events are {_shorten(value)}; a list is needed")
     return [check_event(event) for event in value]
 
 
 def check_parameters(value: Any) -> list[dict[str, Any]]:
     """Return `value` if it is a valid list of a node's parameters (keys.py)."""
     if not isinstance(value, list):
-        raise InputError(f"parameters are {_shorten(value)}; needed is a list")
+        raise InputError(f"parameters are {_shorten(value)}; a list is needed")
     for entry in value:
         _check("a parameter", entry, _PARAMETER)
         bounds, fixed = entry.get("bounds"), entry.get("fixed", 0)
         if not (isinstance(bounds, list) and len(bounds) == 2 and all(_is(_ANY_NUMBER, bound) for bound in bounds)):
-            raise InputError(f"a parameter has the bounds {_shorten(bounds)}; needed are two numbers")
+            raise InputError(f"a parameter has the bounds {_shorten(bounds)}; two numbers are needed")
         if not (fixed is None or isinstance(fixed, str)):
-            raise InputError(f"a parameter has fixed = {_shorten(fixed)}; needed is null or a text")
+            raise InputError(f"a parameter has fixed = {_shorten(fixed)}; null or a text is needed")
     return value
 
 
@@ -105,17 +105,17 @@ def check_request(value: Any) -> dict[str, Any]:
 def check_requests(value: Any) -> list[dict[str, Any]]:
     """Return `value` if it is a valid list of requests."""
     if not isinstance(value, list):
-        raise InputError(f"requests are {_shorten(value)}; needed is a list")
+        raise InputError(f"requests are {_shorten(value)}; a list is needed")
     return [check_request(request) for request in value]
 
 
 def _check(what: str, value: Any, needed: Mapping[str, str]) -> dict[str, Any]:
     """Return `value` if it is an object that has the entries `needed`, each of the required kind."""
     if not isinstance(value, dict):
-        raise InputError(f"{what} is {_shorten(value)}; needed is an object")
+        raise InputError(f"{what} is {_shorten(value)}; an object is needed")
     for name, kind in needed.items():
         if name not in value or not _is(kind, value[name]):
-            raise InputError(f"{what} has {name} = {_shorten(value.get(name))}; needed is {kind}")
+            raise InputError(f"{what} has {name} = {_shorten(value.get(name))}; {kind} is needed")
     return value
 
 

@@ -271,7 +271,7 @@ class TestInput:
             (lambda: PositionAxis("x"), "friction of the axis is 'x'"),  # type: ignore[arg-type]
             (
                 lambda: PositionAxis().respond([]),
-                "motor force has shape (0,); needed is one value for each of 2 periods",
+                "motor force has shape (0,); one value for each of 2 periods",
             ),
             (lambda: PositionAxis().respond([1.0]), "motor force has shape (1,)"),
             (lambda: PositionAxis().respond([0.0, np.nan]), "motor force [N] holds nan"),
@@ -287,7 +287,7 @@ class TestInput:
             (lambda: multisine(1e-3, 5.0, 0.5, 2.0, 0), "highest frequency is 0.5 Hz; allowed is a number at least 5"),
             (lambda: multisine(1e-3, 0.5, 5.0, np.nan, 0), "period of the multisine is nan s"),
             (lambda: multisine(1e-3, 0.5, 1e300, 2.0, 0), "number of its lines is 2e+300; allowed is"),
-            (lambda: multisine(1e-3, 0.0, 5.0, 2.0, 0), "needed are frequencies that rise from above 0"),
+            (lambda: multisine(1e-3, 0.0, 5.0, 2.0, 0), "frequencies that rise from above 0 are needed"),
             (
                 lambda: join_trajectories((sine(1e-3, 1.0), 0.4)),
                 "time of a trajectory is 0.4 s; allowed is a number above 0.5",

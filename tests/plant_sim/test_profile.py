@@ -92,7 +92,9 @@ def test_a_shift_profile_locks_each_clutch_by_itself(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="profile lock of clutch b, row 2: lock is 2; allowed are 0 and 1"):
         load_shift_profile(str(path))
     path.write_text(f"{head},lock\n0,0,0,20,0\n1,5,0,20,1\n")
-    with pytest.raises(InputError, match=", optional are pressure_demand_a_bar, pressure_demand_b_bar, lock_a, lock_b"):
+    with pytest.raises(
+        InputError, match=" are needed, pressure_demand_a_bar, pressure_demand_b_bar, lock_a, lock_b are optional"
+    ):
         load_shift_profile(str(path))
 
 
@@ -121,13 +123,13 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
         (LOCK_HEADER + "0,0,10,0\n1,0,10,0.5\n", "row 2: lock is 0.5; allowed are 0 and 1"),
         (LOCK_HEADER + "0,0,10,-1\n1,0,10,0\n", "row 1: lock is -1; allowed are 0 and 1"),
         (LOCK_HEADER + "0,0,10,nan\n1,0,10,0\n", "row 1: lock is nan; allowed are 0 and 1"),
-        (LOCK_HEADER + "0,0,10\n1,0,10,0\n", "row 1 has 3 cells; needed are 4"),
+        (LOCK_HEADER + "0,0,10\n1,0,10,0\n", "row 1 has 3 cells; 4 are needed"),
         (
             "time_s,torque_demand_nm,motor_speed_demand_rad_s,lock,lock\n0,0,10,0,1\n1,0,10,0,0\n",
-            "has the columns time_s, torque_demand_nm, motor_speed_demand_rad_s, lock, lock; needed are time_s,"
-            " torque_demand_nm, motor_speed_demand_rad_s, optional are pressure_demand_bar, lock",
+            "has the columns time_s, torque_demand_nm, motor_speed_demand_rad_s, lock, lock; time_s,"
+            " torque_demand_nm, motor_speed_demand_rad_s are needed, pressure_demand_bar, lock are optional",
         ),
-        (HEADER + "0,0,10\n1,0,10,3\n", "row 1 has 3 cells; needed are 4"),
+        (HEADER + "0,0,10\n1,0,10,3\n", "row 1 has 3 cells; 4 are needed"),
         (HEADER + "0,0,10,high\n1,0,10,3\n", "row 1: pressure_demand_bar is 'high'; a number is needed"),
         (LOCK_HEADER + "0,0,10,0\n1,0,10,yes\n", "row 2: lock is 'yes'; a number is needed"),
         (LOCK_HEADER + "0,0,10,\n1,0,10,0\n", "row 1: lock is ''; a number is needed"),
@@ -138,8 +140,8 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
         (HEADER, "has 0 rows; at least 2 are needed"),
         (
             "time_s,pressure_demand_bar\n0,0\n1,3\n",
-            "has the columns time_s, pressure_demand_bar; needed are time_s, torque_demand_nm, motor_speed_demand_rad_s"
-            ", optional are pressure_demand_bar, lock",
+            "has the columns time_s, pressure_demand_bar; time_s, torque_demand_nm, motor_speed_demand_rad_s are needed"
+            ", pressure_demand_bar, lock are optional",
         ),
     ],
 )

@@ -95,7 +95,7 @@ def read_lift_up(path: Path | str) -> IdentifiedLiftUp:
 def _read_lift_up(path: Path) -> IdentifiedLiftUp:
     document = read_table(path, _KEYS)
     if document.need("kind", str) != KIND:
-        raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")
+        raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; {KIND!r} is needed")
     if (law := document.need("law", str)) not in LAWS:
         raise InputError(f"file {path} has the law {law!r}; allowed are {join_names(LAWS)}")
     entries, known, reach = (
@@ -160,7 +160,7 @@ def read_butterflies(
         radius = known.get("radius", 0.0)
         if position[1] == "rad" and not radius:
             raise InputError(
-                f"{name_run(name)} has a position in rad; needed is the contact's radius: --hold radius=VALUE in m"
+                f"{name_run(name)} has a position in rad; the contact's radius is needed: --hold radius=VALUE in m"
             )
         way = position[0] * (radius if position[1] == "rad" else 1.0)
         period = float(time[-1] - time[0]) / (time.size - 1)

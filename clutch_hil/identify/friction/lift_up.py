@@ -61,7 +61,7 @@ class LiftRecord:
     def __post_init__(self) -> None:
         count = np.size(self.position)
         if np.ndim(self.position) != 1 or count < LEAST_SAMPLES:
-            raise InputError(f"butterflies have {count} samples; needed are {LEAST_SAMPLES} or more in one dimension")
+            raise InputError(f"butterflies have {count} samples; {LEAST_SAMPLES} or more are needed, in one dimension")
         for name, unit in (("position", "m"), ("lift", "m")):
             values = check_signal(name, getattr(self, name), count)
             object.__setattr__(self, name, values)
@@ -153,7 +153,7 @@ def identify_lift_up(
     if kind not in ("force", "height"):
         raise InputError(f"kind of lift-up is {kind!r}; allowed is force or height")
     if not records:
-        raise InputError("no butterflies were given; needed is one record or more")
+        raise InputError("no butterflies were given; one record or more is needed")
     require_type("contact", contact, LiftUp)
     take_function("progress", progress)
     names = ("highest", "speed_scale", "attraction") if kind == "force" else ("height", "speed_scale", "rate")
@@ -280,7 +280,7 @@ def _measure_stroke_time(record: LiftRecord) -> float:
     crossings = int(np.sum(np.diff(np.sign(centred)) != 0.0))
     if crossings < 3:  # one period
         raise InputError(
-            f"the position passes its middle {crossings} times; needed are 3 or more: butterflies reciprocate"
+            f"the position passes its middle {crossings} times; 3 or more are needed: butterflies reciprocate"
         )
     return record.position.size * record.period / crossings
 

@@ -170,7 +170,7 @@ def read_friction(path: Path | str) -> IdentifiedFriction:
 def _read_friction(path: Path) -> IdentifiedFriction:
     document = read_table(path, _KEYS)
     if document.need("kind", str) != KIND:
-        raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; needed is {KIND!r}")
+        raise InputError(f"file {path} is of the kind {document.get('kind', str)!r}; {KIND!r} is needed")
     terms = _read_texts(document, "terms")
     if unknown := [term for term in terms if term not in PARAMETERS]:
         raise InputError(f"file {path}: term {unknown[0]!r} is unknown; known are {', '.join(PARAMETERS)}")

@@ -116,7 +116,7 @@ def read_records(
 ) -> list[SlideRecord]:
     """The records of `runs`, files or runs in memory; those of foreign files by an `import_map`. Raises InputError."""
     if not runs:
-        raise InputError("no run was given; needed is one or more")
+        raise InputError("no run was given; one or more is needed")
     records: list[SlideRecord] = []
     for number, run in enumerate(runs, 1):
         if isinstance(run, Run):
@@ -177,7 +177,7 @@ def _make_record(
     source = name if pieces == 1 else f"{name}, {time[0]:.4g} to {time[-1]:.4g} s"
     steps = np.diff(time)
     if time.size < LEAST_SAMPLES:
-        raise InputError(f"{name_run(source)} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
+        raise InputError(f"{name_run(source)} has {time.size} rows; {LEAST_SAMPLES} or more are needed")
     if float(np.ptp(steps)) > 0.02 * float(steps.mean()):  # 2 %: decimal seconds of a file
         raise InputError(
             f"{name_run(source)} has steps of {steps.min():.4g} to {steps.max():.4g} s; set a rate for resampling"
@@ -200,7 +200,7 @@ def _make_record(
 def check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
     """Raise InputError for what is no number or too large, and for times that do not rise."""
     if time.size < LEAST_SAMPLES:
-        raise InputError(f"{name_run(name)} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
+        raise InputError(f"{name_run(name)} has {time.size} rows; {LEAST_SAMPLES} or more are needed")
     for what, column in {"time": time, **values}.items():
         if (bad := np.flatnonzero(~np.isfinite(column))).size:
             raise InputError(f"{name_run(name)}: the {what} is not a number in row {bad[0]}")

@@ -44,7 +44,7 @@ def check_runs(runs: Sequence[Recorded]) -> list[Finding]:
     findings = [replace(finding, run=run.name) for run in runs for finding in check_run(run)]
     findings += find_repeated([(run.name, run.columns) for run in runs])
     if runs and (seconds := sum_seconds(runs)) < LEAST_TOTAL and not any(f.check == "length" for f in findings):
-        text = f"of all runs are {seconds:.3g} s together; needed are {LEAST_TOTAL:g} s: record more, or longer"
+        text = f"of all runs are {seconds:.3g} s together; {LEAST_TOTAL:g} s are needed: record more, or longer"
         findings.append(Finding("length", "time_s", runs[0].rows, text, True))
     predicted = [run for run in runs if run.predictions]
     if predicted and not any(_moves(run) for run in predicted) and not any(f.hard for f in findings):

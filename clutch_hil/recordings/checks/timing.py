@@ -34,7 +34,7 @@ def find_short(run: Recorded) -> list[Finding]:
     rows = len(run.columns["time_s"])
     if (seconds := rows * run.period) >= LEAST_SECONDS and rows >= LEAST_ROWS:
         return []
-    text = f"is {seconds:.3g} s with {rows} rows; needed are {LEAST_SECONDS:g} s and {LEAST_ROWS} rows: record longer"
+    text = f"is {seconds:.3g} s with {rows} rows; {LEAST_SECONDS:g} s and {LEAST_ROWS} rows are needed: record longer"
     return [Finding("length", "time_s", run.rows, text, True)]
 
 

@@ -70,7 +70,7 @@ def check_break_points(break_points: Array, stroke: float) -> Array:
     """Return `break_points` [m] (N,) as a float64 vector, rising, inside 0 to `stroke` [m]. Raises InputError."""
     points = np.atleast_1d(check_real("break points", break_points))
     if points.ndim != 1 or points.size == 0:
-        raise InputError(f"break points have shape {points.shape}; needed are one or more in one dimension")
+        raise InputError(f"break points have shape {points.shape}; one or more are needed, in one dimension")
     if points[0] <= 0.0 or (np.diff(points) <= 0.0).any():
         raise InputError("break points do not rise; each must be larger than the one before, the first larger than 0 m")
     if points[-1] > stroke * (1.0 + 1e-12):

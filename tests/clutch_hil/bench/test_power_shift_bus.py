@@ -293,7 +293,7 @@ HEADER = "time_s,torque_demand_a_nm,torque_demand_b_nm,input_speed_demand_rad_s\
     ("text", "sentence"),
     [
         ("time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,9\n", "has the columns time_s, torque_demand_nm"),
-        (HEADER + "0,0,0\n", "row 1 has 3 cells; needed are 4"),
+        (HEADER + "0,0,0\n", "row 1 has 3 cells; 4 are needed"),
         (HEADER + "0,0,0,20\n1,0,40,20\n", "of clutch b, row 2: set-point 40 Nm"),
         (HEADER + "0,0,0,x\n", "row 1: input_speed_demand_rad_s is 'x'; a number is needed"),
     ],

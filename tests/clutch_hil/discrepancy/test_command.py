@@ -134,7 +134,7 @@ def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, 
     [
         ("no_such", "experiment 'no_such' is unknown"),
         (None, "the result proposes no experiment: its verdict needs none"),
-        ({"profile": "crawl", "settings": {}}, "needed are temperature and rate"),
+        ({"profile": "crawl", "settings": {}}, "temperature and rate are needed"),
     ],
 )
 def test_an_experiment_that_cannot_be_played_is_told(experiment: object, sentence: str) -> None:

@@ -50,7 +50,7 @@ def test_a_report_tells_what_to_play_beside_which_runs(tmp_path: Path, runs: lis
             {"experiment": {"profile": None, "why": "none separates them"}},
             "proposes no experiment: none separates them",
         ),
-        ({"experiment": {"profile": "crawl", "settings": {}}}, "needed are temperature and rate"),
+        ({"experiment": {"profile": "crawl", "settings": {}}}, "temperature and rate are needed"),
         ({"rig": "position_axis"}, "is of the rig 'position_axis'; experiments can be played on wet_clutch"),
         ({"runs": {}}, "names no runs"),
         ({"runs": {"gone.parquet": "00"}}, "run gone.parquet of report .* does not exist"),

@@ -188,7 +188,7 @@ def test_with_all_every_course_is_played() -> None:
 @pytest.mark.parametrize("error", [InputError("a fault"), InterruptionError("stopped"), KeyboardInterrupt()])
 def test_what_is_whole_is_told_whatever_ends_it(error: BaseException) -> None:
     kind = InterruptionError if isinstance(error, KeyboardInterrupt) else type(error)
-    with pytest.raises(kind, match=r"complete are run0.parquet, run1.parquet: use them with clutch-hil identify"):
+    with pytest.raises(kind, match=r"these runs are complete, for clutch-hil identify: run0.parquet, run1.parquet$"):
         play([make_identification(half=WIDE)], list_paths(2, error))
     with pytest.raises(kind, match="no run is complete"):
         play([], list_paths(0, error))
@@ -241,7 +241,7 @@ def test_a_fault_in_the_middle_keeps_the_run_before(tmp_path: Path, local_bus: s
     scale, stribeck = sorted((tmp_path / "runs").glob("*.parquet"))
     last = list_errors(done.stderr)[-1]
     assert "experiment identify_stribeck ended in a fault" in last
-    assert f"complete are {scale}: use them with clutch-hil identify" in last
+    assert f"these runs are complete, for clutch-hil identify: {scale}" in last
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
     assert stribeck.exists()
 
@@ -256,7 +256,7 @@ def test_ctrl_c_half_way_keeps_the_run_before(tmp_path: Path, local_bus: str) ->
         _, errors = process.communicate(timeout=PATIENCE)
         assert process.returncode == 130, errors
     (scale,) = tmp_path.glob("*identify_scale.parquet")
-    assert f"complete are {scale}: use them with clutch-hil identify" in list_errors(errors)[-1]
+    assert f"these runs are complete, for clutch-hil identify: {scale}" in list_errors(errors)[-1]
     assert not [*tmp_path.glob("*.part"), *tmp_path.glob("*.journal")]
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
 

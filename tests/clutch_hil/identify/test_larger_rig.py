@@ -62,6 +62,7 @@ def test_its_motor_is_as_large_as_the_runs_show_and_that_is_told(larger: Identif
     assert "largest torque of the runs" in why
     (sentence,) = [str(finding) for finding in larger.findings if finding.check == "larger"]
     assert "but the declared motor gives 40 Nm: the rig is taken as a larger one" in sentence
+    assert sentence.count(" row ") == 1
     assert "Check the unit; --hold motor.torque_limit=" in sentence
 
 

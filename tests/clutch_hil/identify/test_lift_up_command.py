@@ -90,7 +90,7 @@ def test_a_gap_without_a_lift_up_is_told(tmp_path: Path, runs: list[Path]) -> No
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
-    [('kind = "friction"', "needed is 'lift-up'"), ('kind = "lift-up"\nlaw = "gms"', "allowed are")],
+    [('kind = "friction"', "'lift-up' is needed"), ('kind = "lift-up"\nlaw = "gms"', "allowed are")],
 )
 def test_a_file_of_something_else_is_refused(tmp_path: Path, text: str, sentence: str) -> None:
     path = tmp_path / "lift_up.toml"

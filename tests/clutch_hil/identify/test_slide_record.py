@@ -101,7 +101,7 @@ def test_wrong_columns_are_told_in_a_sentence(columns: dict[str, np.ndarray], ch
 
 def test_empty_and_short_runs_are_refused() -> None:
     for rows in (0, 1, 50):
-        with pytest.raises(InputError, match=f"has {rows} rows; needed are 100 or more"):
+        with pytest.raises(InputError, match=f"has {rows} rows; 100 or more are needed"):
             read_records([Run({"time_s": TIME[:rows], "position_m": WAY[:rows], "force_n": FORCE[:rows]}, {})])
     with pytest.raises(InputError, match="no run was given"):
         read_records([])

@@ -35,4 +35,4 @@ def test_runs_in_which_no_plates_rest_are_told_what_they_need() -> None:
     run = dict(ch.simulate(profile="slip_sine", seconds=4.0).columns)
     stick = measure_stick([run], NOMINAL)
     assert stick.quantity is None
-    assert "these runs have 0 such stretches, needed are 3: play the experiment reversals" in stick.warning
+    assert "these runs have 0 such stretches, 3 are needed: play the experiment reversals" in stick.warning

@@ -37,11 +37,11 @@ WRONG = {  # what is replaced in the module, by what, and what is told of it
     "fails": ("class Dots:", "1 / 0\nclass Dots:", "dots cannot be loaded from .* lab_dots: ZeroDivisionError"),
     "no class": ("class Opened", "Dots = 5\nclass Opened", f"{WHAT} cannot be made: it raises TypeError: 'int' object is not"),
     "not made": ("def recognises", "def __init__(self): 1 / 0\n    def recognises", f"{WHAT} cannot be made: it raises Zero"),
-    "lacking": (", order", ", rank", f"{WHAT} lacks order; needed are name, keys, order, recognises, open"),
+    "lacking": (", order", ", rank", f"{WHAT} lacks order; name, keys, order, recognises, open are needed"),
     "order": ('"dots", {}, 0', '"dots", {}, "0"', f"{WHAT} has the order '0'; allowed are 0, 1 and 2"),
     "recognises": ("return head", "return head.no", rf"{WHAT}: recognises\(\S+\) raises AttributeError: 'bytes' object"),
     "opens": ("return Opened(path)", "exit(3)", rf"{WHAT}: open\(\S+\) raises SystemExit: 3"),
-    "opens nothing": ("return Opened(path)", "return 5", rf"{WHAT}: what open\(\S+\) returns lacks channels; needed are"),
+    "opens nothing": ("return Opened(path)", "return 5", rf"{WHAT}: what open\(\S+\) returns lacks channels;"),
     "reads": ("return [Signal", "raise KeyError\n        [Signal", rf"{WHAT}: what open\(\S+\) returns: read raises KeyError"),
     "reads less": ("in channels]", "in channels[1:]]", "read does not return one Signal for each of the 1 channels"),
 }  # fmt: skip

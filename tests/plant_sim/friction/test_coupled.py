@@ -50,7 +50,7 @@ def test_every_nth_step_is_kept_and_a_spring_pulls() -> None:
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
-        ({"model": "x"}, "model is 'x'; needed is a FrictionModel"),
+        ({"model": "x"}, "model is 'x'; a FrictionModel"),
         ({"mass": 0.0}, "mass is 0 kg; allowed is a number above 0"),
         ({"mass": [1.0]}, r"mass is \[1.0\]; allowed is a number"),
         ({"force": []}, "force has shape"),

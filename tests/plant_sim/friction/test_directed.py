@@ -89,7 +89,7 @@ def test_a_mass_slides_with_it() -> None:
 def test_what_does_not_belong_together_is_refused() -> None:
     with pytest.raises(InputError, match="springs are"):
         Directed(GMS(Stribeck(1.0), STIFFNESS, WEIGHTS), GMS(Stribeck(1.0), [1e4, 1e4], WEIGHTS))
-    with pytest.raises(InputError, match="needed is a Coulomb"):
+    with pytest.raises(InputError, match="a Coulomb"):
         Directed(Coulomb(Stribeck(1.0)), make_model("lugre", 1.0, 0.0))
     with pytest.raises(InputError, match="preload is -1 N"):
         Directed(make_model("xgms", 1.0, 0.0), make_model("xgms", 1.0, 0.0), preload=-1.0)
