@@ -81,10 +81,10 @@ def _make_header(identification: Identification, title: str) -> Html:
         for p in calibration.parameters
     )
     facts = [
-        (str(len(calibration.parameters)), "parameters identified"),
-        (str(moved), "of them beyond twice the uncertainty stated before"),
-        (str(len(calibration.held)), "not identified"),
-        (str(len(calibration.warnings)), "warnings"),
+        f"{format_count(len(calibration.parameters), 'parameter')} identified",
+        f"{moved} of them beyond twice the uncertainty stated before",
+        f"{len(calibration.held)} not identified",
+        format_count(len(calibration.warnings), "warning"),
     ]
     parts = [
         make_element("h1", title),
@@ -92,7 +92,12 @@ def _make_header(identification: Identification, title: str) -> Html:
         make_element("p", make_verdict_sentence(identification), class_=f"verdict {mark}"),
         make_element(
             "ul",
-            join([make_element("li", join([make_element("b", big), small], "")) for big, small in facts]),
+            join(
+                [
+                    make_element("li", join([make_element("b", number), what], ""))
+                    for number, what in (fact.split(" ", 1) for fact in facts)
+                ]
+            ),
             class_="facts",
         ),
     ]
@@ -130,11 +135,17 @@ def _make_parameter_section(calibration: Calibration) -> Section:
 def _format_shift(p: Identified) -> str:
     """Format the change from the stated value: in percent, as a factor where it is large, in K for a temperature."""
     if p.unit == "degC":
-        return f"{p.value - p.declared:+.1f} K".replace("-", "−")
+        return f"{_format_change(p.value - p.declared)} K"
     if p.declared == 0.0:
         return ""
     ratio = p.value / p.declared
-    return f"× {format_number(ratio, 3)}" if ratio > FAR else f"{100.0 * (ratio - 1.0):+.1f} %".replace("-", "−")
+    return f"× {format_number(ratio, 3)}" if ratio > FAR else f"{_format_change(100.0 * (ratio - 1.0))} %"
+
+
+def _format_change(change: float) -> str:
+    """Return a change with its sign and one decimal; what rounds to 0 has no sign."""
+    text = f"{change:+.1f}".replace("-", "−")
+    return "0.0" if text[1:] == "0.0" else text
 
 
 def _make_warnings(identification: Identification) -> Section:

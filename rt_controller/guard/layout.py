@@ -93,14 +93,22 @@ def check_layout(path: Path, frames: Mapping[str, FrameCodec], values: Mapping[s
 
 def _find_problems(frames: Mapping[str, FrameCodec], values: Mapping[str, float]) -> Iterator[str]:
     key = int(values[_KEY])
-    for name, (can_id, length, data_id, places) in _list_expected(frames, key).items():
+    expected = _list_expected(frames, key)
+    differences = {frames[name].data_id ^ one.data_id for name, one in expected.items() if name in frames}
+    other_key = len(differences) == 1 and 0 not in differences
+    if other_key:  # one key for all frames, so the database and the limits are of two benches
+        yield (
+            f"the key of its data IDs is {key ^ differences.pop()}; guard.{_KEY} is {key}: CLUTCH_HIL_LIMITS must name the"
+            " limits of this database, whose first lines `clutch-hil frames --write` prints"
+        )
+    for name, (can_id, length, data_id, places) in expected.items():
         if (codec := frames.get(name)) is None:
             continue  # a claim, which databases from before 26 November 2026 lack
         if codec.can_id != can_id:
             yield f"frame {name} has the identifier 0x{codec.can_id:03X}; the guard's is 0x{can_id:03X}"
         if codec.length != length:
             yield f"frame {name} has {codec.length} bytes; the guard's has {length}"
-        if codec.data_id != data_id:
+        if codec.data_id != data_id and not other_key:
             yield f"frame {name} has the data ID {codec.data_id}; the guard's is {data_id}, as guard.{_KEY} is {key}"
         signals = {signal.name.upper(): signal for signal in codec.definitions}
         for signal_name, place in places.items():

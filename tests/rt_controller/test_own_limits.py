@@ -112,7 +112,7 @@ def test_limits_that_are_none_or_of_another_bench_are_refused(node: ModuleType) 
         (SIZED.replace("= 25\n", "= 20\n"), "the guard's are 0.009765625 and 0, as guard.pressure_range is 20 bar"),
         (
             SIZED.replace("2577", "2576"),
-            "frame VALVE_COMMAND has the data ID 51857; the guard's is 51856, as guard.data_key",
+            "the key of its data IDs is 2577; guard.data_key is 2576: CLUTCH_HIL_LIMITS must name",
         ),
         (SIZED + "pressure = 24.8\n", "guard.pressure has 24.8 bar; allowed is up to 24.75 bar"),
         (LARGER + "torque = 12\n", "guard.torque"),

@@ -218,6 +218,17 @@ def test_an_identification_of_nothing_but_absent_effects_is_shown(result: Identi
     assert "Correlation of the parameters" not in compose_report(bare, [], "")
 
 
+def test_the_page_counts_one_warning_and_shows_a_small_change_without_sign(result: Identification) -> None:
+    p = result.calibration["valve.gain"]
+    same = replace(p, value=p.declared * (1.0 - 1e-5))
+    one = replace(result.calibration, parameters=[same], correlation=np.eye(1), warnings=["only one"])
+    page = compose_report(replace(result, calibration=one), [], "")
+    assert "<b>1</b>warning</li>" in page
+    assert "<b>1</b>parameter identified</li>" in page
+    assert ">0.0 %<" in page
+    assert "−0.0 %" not in page
+
+
 def test_what_rows_of_a_logger_leave_is_not_only_missing_physics(result: Identification) -> None:
     left = replace(result, misfit={**result.misfit, "cylinder_pressure_bar": 1.6}, findings=[])
     assert "log every cycle" not in make_verdict_sentence(left)
