@@ -12,6 +12,10 @@ _PLAIN = {
     "float_parsing": "not a number",
     "int_parsing": "not a whole number",
     "bool_parsing": "neither true nor false",
+    "greater_than_equal": "allowed is {ge} or more",
+    "greater_than": "allowed is more than {gt}",
+    "less_than_equal": "allowed is {le} or less",
+    "less_than": "allowed is less than {lt}",
 }
 _EXTRA_WORD = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*?)\)")
 
@@ -21,7 +25,8 @@ def describe_usage_error(error: Any) -> str:
     what = " ".join(error.format_message().split()).rstrip(".?").replace(". Did you mean", "; did you mean")
     causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
     if causes:
-        given, plain = causes[0]["input"], _PLAIN.get(causes[0]["type"], causes[0]["msg"])
+        given, kind = causes[0]["input"], causes[0]["type"]
+        plain = _PLAIN[kind].format(**causes[0].get("ctx", {})) if kind in _PLAIN else causes[0]["msg"]
         what = what.replace("Invalid value for", f"Invalid value {given!r} for", 1).replace(causes[0]["msg"], plain)
         if str(given).startswith("--") and error.ctx:  # typer takes an unknown option for the value of an argument
             what = f"No such option: {given}; {_suggest_option(str(given), error.ctx.command)}"

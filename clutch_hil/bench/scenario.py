@@ -111,6 +111,8 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
     known = find_shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
     if path is None:
+        if name.endswith(".csv"):
+            raise InputError(f"scenario {name!r} is a profile; give it by --profile {name}")
         raise InputError(
             f"scenario {name!r} is unknown, and the path of one ends with .toml; {suggest_closest(name, known)}"
         )

@@ -197,7 +197,7 @@ def _import_recording(
         "done": done, "checks": [finding.as_json() for finding in checks],
     }  # fmt: skip
     written = ", ".join(str(file) for file in files)
-    lines = [f"read {recording}", *done, *map(str, checks), f"wrote {written}: {', '.join(runs[0].columns)}"]
+    lines = [f"read:    {recording}", *done, *map(str, checks), f"wrote:   {written}: {', '.join(runs[0].columns)}"]
     verdict = f"{sum(rows)} rows at {rate:.6g} Hz" + (f" in {len(runs)} runs" if len(runs) > 1 else "")
     return _Imported(document, lines, verdict)
 
@@ -212,8 +212,9 @@ def _list(recording: Path, map_name: str | None, json_output: bool) -> None:
     kind = recognise(recording).name
     document = {"read": str(recording), "format": kind, **make_document(contents)}
     numbers = [f"{name} = {value:.6g}" for name, value in contents.numbers.items()]
-    text = "\n".join([f"read {recording}: {kind}", *contents.notes, *numbers, format_table(list_contents(contents))])
-    report(document, text, format_count(len(contents.channels), "channel"), True, json_output)
+    table = format_table(list_contents(contents))
+    lines = [f"read:    {recording}: {kind}", *contents.notes, *numbers, table, "wrote:   nothing"]
+    report(document, "\n".join(lines), format_count(len(contents.channels), "channel"), True, json_output)
 
 
 def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: bool, json_output: bool) -> None:
@@ -233,6 +234,6 @@ def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: b
         part.write_text(text, encoding="utf-8")
     document = {"read": str(recording), "wrote": str(target), "notes": contents.notes}
     words = ["clutch-hil", "import", recording, "--map", target, "--out", "run.parquet"]
-    next_step = f"next: edit {target}, then {shlex.join(map(str, words))}"
-    lines = [f"read {recording}", *contents.notes, f"wrote {target}", next_step]
+    next_step = f"next:    edit {target}, then {shlex.join(map(str, words))}"
+    lines = [f"read:    {recording}", *contents.notes, f"wrote:   {target}", next_step]
     report(document, "\n".join(lines), f"map with {text.count(' = {')} columns", True, json_output)

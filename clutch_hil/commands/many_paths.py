@@ -1,5 +1,6 @@
 """A command with an option that takes several paths."""
 
+from itertools import pairwise
 from typing import Any
 
 from typer.core import TyperCommand
@@ -20,7 +21,7 @@ class ManyPaths(TyperCommand):
         end = args.index("--") if "--" in args else len(args)
         spread: list[str] = []
         within = False
-        for arg, following in zip(args[:end], [*args[1:end], "--"], strict=True):
+        for arg, following in pairwise([*args[:end], "--"]):
             if arg == _MANY and following.startswith("-"):
                 raise InputError(f"{_MANY} has no run; give one or more after it, or leave it out")
             if arg.startswith("-"):

@@ -43,6 +43,7 @@ _SHORTEST_RUN = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST_RUN = 1e6  # s, of a run that repeats a profile: 11 days
 _MOST_ROWS = 2_000_000  # of a profile, including repetitions: it is held in memory, 0.3 kB a row
 _MOST_BYTES = 100_000_000  # of a file with _MOST_ROWS rows
+_OTHER_MARKS = ";\t"  # between columns of tables of spreadsheets in other languages
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2 * _SIZE.speed  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
@@ -202,6 +203,8 @@ def find_profile(name: str, folder: Path, kind: str) -> Path:
         return path
     if os.path.isfile(name):
         raise InputError(f"{kind} {name!r} has the wrong suffix; a profile file ends with .csv")
+    if os.path.isdir(name):
+        raise InputError(f"{kind} {name!r} is a folder; allowed is a .csv file")
     known = join_names(sorted(p.stem for p in folder.glob("*.csv")))
     raise InputError(f"{kind} {name!r} does not exist; known are {known}, or the path of a .csv file")
 
@@ -215,6 +218,10 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
         lines = read_text(path, kind, _MOST_BYTES).splitlines()
         rows = csv.reader(line for line in lines if not line.startswith("#"))
         header = tuple(next(rows, ()))
+        if mark := next((mark for mark in _OTHER_MARKS if any(mark in name for name in header)), None):
+            raise InputError(
+                f"{kind} {path} has {mark!r} between its columns; allowed is a comma, and a point in the numbers"
+            )
         if len(set(header)) < len(header) or not set(needed) <= set(header) <= {*needed, *optional}:
             raise InputError(
                 f"{kind} {path} has the columns {', '.join(header) or '-'}; {', '.join(needed)} are needed,"

@@ -22,6 +22,7 @@ from protocols.errors import InputError, join_names
 from protocols.input_file import read_raw
 
 _MOST_BYTES = 64 << 20  # of a database: a hundred times a large automotive one
+_FORMATS = ("dbc", "arxml", "kcd", "sym", "cdd")  # of cantools, each the suffix of its files
 _MOST_PROBLEMS = 5  # named in one message
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _HIGHEST_ID = 0x7FF  # of a standard frame; the bench sends no other
@@ -67,13 +68,17 @@ def load_text(path: Path, text: str, strict: bool = True) -> Database:
     if not text.strip():
         raise InputError(f"DBC {path} is empty")
     text = complete_multiplexing(path, text)
+    kind = _format_of(path, text)
     log = logging.getLogger("cantools")
     level = log.level
     log.setLevel(logging.CRITICAL)  # it warns of errors that are refused below
     try:
-        database = cantools.database.load_string(text, _format_of(path, text), strict=strict)
+        database = cantools.database.load_string(text, kind, strict=strict)
     except Exception as error:  # cantools raises many exception types
-        raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())[:300] or 'it is empty'}") from error
+        why = " ".join(str(error).split())[:300] or "it is empty"
+        if kind is None:  # cantools lists the error of each format then
+            why = f"its text has none of the formats {', '.join(_FORMATS)}"
+        raise InputError(f"DBC {path} is malformed: {why}") from error
     finally:
         log.setLevel(level)
     if not isinstance(database, Database):
@@ -212,4 +217,5 @@ def _describe_range_problem(signal: Signal, least: float, most: float) -> str:
 
 def _format_of(path: Path, text: str) -> str | None:
     """Return the format for cantools; None to try all known formats."""
-    return "dbc" if path.suffix.lower() == ".dbc" or "BO_ " in text else None
+    suffix = path.suffix.lower().removeprefix(".")
+    return "dbc" if "BO_ " in text else suffix if suffix in _FORMATS else None

@@ -138,6 +138,7 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
         (HEADER + "0,0,10,0\n1e300,0,10,0\n", "row 2: time_s = 1e+300; it must increase, from 0 to 1e+09 at most"),
         (HEADER + "0,0,10,0\n1e-9,0,10,0\n", "ends at 1e-09 s; it must last 0.1 s or more"),
         (HEADER, "has 0 rows; at least 2 are needed"),
+        (HEADER.replace(",", ";"), "has ';' between its columns; allowed is a comma, and a point in the numbers"),
         (
             "time_s,pressure_demand_bar\n0,0\n1,3\n",
             "has the columns time_s, pressure_demand_bar; time_s, torque_demand_nm, motor_speed_demand_rad_s are needed"

@@ -11,6 +11,7 @@ import numpy as np
 from clutch_hil.bench.excitation import QUANTITIES
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.fitting.model import Columns, Values
+from plant_sim.node.plant_node import convert_initial_temperature
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_regulated import Regulator, regulate_profile
 from protocols.errors import InputError, suggest_closest
@@ -55,7 +56,8 @@ def find(name: str, sets: Sequence[str] = ()) -> Experiment:
             return experiment
     profile, _, temperature = name.rpartition("-")
     known = {e.profile for e in LIBRARY}
-    if profile in known and temperature.isdigit():
+    if profile in known and temperature.isdecimal():
+        convert_initial_temperature(float(temperature))  # refused before any experiment is played
         return Experiment(profile, float(temperature))
     raise InputError(f"experiment {name!r} is unknown; {suggest_closest(name, [*sorted(known), *sets])}")
 

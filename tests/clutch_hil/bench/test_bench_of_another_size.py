@@ -85,7 +85,10 @@ def test_a_clutch_of_six_times_the_torque_follows_its_demand(folder: Path, local
         ({OWN_LIMITS: ""}, "MOTOR_COMMAND.TORQUE_LIMIT has the factor 0.006 and offset 0; the guard's are 0.001 and 0"),
         ({DATABASE: ""}, "set-point 60 Nm is outside 0..30 Nm"),
         ({DATABASE: "none.dbc"}, "none.dbc does not exist"),
-        ({DATABASE: "demands.csv"}, "demands.csv is malformed"),
+        (
+            {DATABASE: "demands.csv"},
+            "demands.csv is malformed: its text has none of the formats dbc, arxml, kcd, sym, cdd",
+        ),
     ],
 )
 def test_what_does_not_belong_together_is_one_sentence(

@@ -342,6 +342,8 @@ def test_an_unknown_scenario_is_told_with_what_comes_closest() -> None:
         match=r"^scenario 'engagment' is unknown, and the path of one ends with .toml; did you mean engagement",
     ):
         load_scenario("engagment")
+    with pytest.raises(InputError, match=r"^scenario 'mine\.csv' is a profile; give it by --profile mine\.csv$"):
+        load_scenario("mine.csv")
     with pytest.raises(InputError, match=r"^file nowhere\.toml does not exist$"):
         load_scenario("nowhere.toml")
 

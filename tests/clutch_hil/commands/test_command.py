@@ -38,11 +38,12 @@ def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> Non
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("simulate", "--workers", "0"), "simulate: invalid value '0' for '--workers': "),
+        (("simulate", "--workers", "0"), "simulate: invalid value '0' for '--workers': allowed is 1 or more; "),
         (("simulate", "--workers", "-1"), "simulate: invalid value '-1' for '--workers': "),
         (("simulate", "--workers", "two"), "simulate: invalid value 'two' for '--workers': "),
         (("simulate", "--workers"), "option '--workers' requires an argument"),
         (("simulate", "--worker", "2"), "simulate: no such option: --worker"),
+        (("identify",), "identify: missing argument 'RUN...'; "),
         (("convert", "a.parquet"), "convert: missing argument 'target'"),
         (("convert", "a.csv", "b.csv", "c.csv"), "convert: unexpected word: c.csv"),
         (("effects", "--write"), "option '--write' requires an argument"),

@@ -46,3 +46,7 @@ def test_nothing_held_out_is_refused(words: tuple[str, ...]) -> None:
     """As of a pattern of a shell that no file has: the result would be judged on nothing, and not say so."""
     with pytest.raises(InputError, match="--holdout has no run; give one or more after it, or leave it out"):
         read(*words)
+
+
+def test_no_word_before_two_hyphens_is_no_error() -> None:
+    assert read("--", "a", "b") == (["a", "b"], [])

@@ -111,6 +111,12 @@ def test_every_experiment_of_the_library_is_safe_on_the_rig_as_it_is(experiment:
     assert find(experiment.name) == experiment
 
 
+@pytest.mark.parametrize("name", ["crawl-9999", "crawl-3"])
+def test_an_oil_temperature_out_of_range_is_refused_before_anything_is_played(name: str) -> None:
+    with pytest.raises(InputError, match=r"^oil temperature \d+ degC is outside 35\.\.150 degC$"):
+        find(name)
+
+
 @pytest.mark.parametrize(
     ("contact", "shift"), [(2.35, 0.0), (2.43, 0.0), (2.27, 0.0), (2.46, 0.1), (2.6, 0.25), (1.8, -0.55), (4.02, 1.65)]
 )

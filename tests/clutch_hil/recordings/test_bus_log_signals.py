@@ -129,7 +129,7 @@ def test_a_map_of_the_file_alone_lists_and_drafts(tmp_path: Path, monkeypatch: p
     assert "OIL.PRESSURE" in play("--list", *opening)
     assert "map with 4 columns" in play("--draft", *opening)
     assert "has no column time_s" in play(*opening, "--out", "run.csv")
-    assert "wrote run.csv" in play("rig.log", "--map", "rig.toml", "--out", "run.csv")
+    assert "wrote:   run.csv" in play("rig.log", "--map", "rig.toml", "--out", "run.csv")
     assert read_columns(tmp_path / "run.csv")["oil_pressure_bar"] == pytest.approx(2.5)
 
 
