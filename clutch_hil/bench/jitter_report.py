@@ -31,7 +31,8 @@ def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
         raise InputError(f"CPU {setting.cpu} is not possible; allowed are {', '.join(map(str, cpus))}")
     if not 1.0 <= setting.piece <= 60.0:
         raise InputError(
-            f"{setting.seconds:g} s in {format_count(setting.rounds, 'round')} is not possible; allowed are 1 to 60 s a round"
+            f"{setting.seconds:g} s in {format_count(setting.rounds, 'round')} is not possible; allowed are"
+            f" {setting.rounds:g} to {60 * setting.rounds:g} s"
         )
     return setting
 
@@ -237,11 +238,13 @@ def draw(setting: Setting, measured: Mapping[str, Measurements], path: Path) -> 
         left.set(
             xscale="log",
             yscale="log",
-            xlabel="us (smaller values are shown as 0.1)",
+            xlabel="time [us] (smaller values are shown as 0.1)",
             ylabel="share of cycles",
             title=what_it_is,
         )
-        right.set(xscale="log", yscale="log", xlabel="us", ylabel="share of later cycles", title=f"{what_it_is}: tail")
+        right.set(
+            xscale="log", yscale="log", xlabel="time [us]", ylabel="share of later cycles", title=f"{what_it_is}: tail"
+        )
         for axes in (left, right):
             axes.grid(alpha=0.3)
         right.legend(fontsize=8, loc="upper right")

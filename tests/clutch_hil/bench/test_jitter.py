@@ -178,7 +178,7 @@ def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
     ("arguments", "sentence"),
     [
         (["--cpu", "999"], "error: CPU 999 is not possible; allowed are "),
-        (["--seconds", "900"], "error: 900 s in 3 rounds is not possible; allowed are 1 to 60 s a round"),
+        (["--seconds", "900"], "error: 900 s in 3 rounds is not possible; allowed are 3 to 180 s"),
         (["--rates", "250,fast"], "error: rates '250,fast' has 'fast'; allowed are whole numbers in Hz"),
         (["--rates", "250,7"], "error: rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
         (
