@@ -107,8 +107,8 @@ def fit_clutch(
     start |= {f.name: float(np.clip(plan.declared[f.name], f.low, f.high)) for f in hardly if f.name in AS_DECLARED}
     begun = to_fit(tie(start, plan.ratios))
     known_roughly = {**begun, **begin[1]}
-    fitted = [as_fitted(f, start) for f in excited]
-    fitted += [know_roughly(as_fitted(f, start), known_roughly[f.name]) for f in hardly]
+    fitted = [as_fitted(f, start, plan.declared) for f in excited]
+    fitted += [know_roughly(as_fitted(f, start, plan.declared), known_roughly[f.name]) for f in hardly]
     coarse, fine = (
         Evidence(FittedModel(one, plan.ratios), columns, floors, timing=TIMING)
         for one in (model, subject.make(subject.nominal, step=FINE_STEP))

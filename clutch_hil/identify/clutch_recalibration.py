@@ -44,6 +44,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
     begin = {name: shown[name] if name in stated else p.value for name, p in declare_effects().items()}
     samples = take_samples(correct_offsets(runs, begin))
     free = [free_parameter(model.parameters, name, None) for name in (*FITTED, *stated) if name not in HELD]
+    declared = {name: p.value for name, p in model.parameters.items()}
     held = {name: value for name, value in near.items() if name not in {f.name for f in free}}
     timed, exact = (
         Evidence(FittedModel(model, {}), runs, floors, evidence.rounding, t).take_as_independent()
@@ -54,7 +55,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
         unmet = {name for need in NEEDS if need.warn(samples, start) for name in need.parameters}
         begun = {**start, **{name: near[name] for name in unmet if name in AS_DECLARED}}
         values = to_fit(begun)
-        fitted = [as_fitted(f, begun) for f in free]
+        fitted = [as_fitted(f, begun, declared) for f in free]
         fitted = [know_roughly(f, values[f.name]) if f.name in unmet else f for f in fitted]
         at = fit_to_end(timed, (values, {}), fitted)
         return _Fit(timed.compute_excess(at.residual), at.point, fitted)
