@@ -44,6 +44,9 @@ _SPIKE = (
     0.3  # of the whole movement of a column, away from the median of five rows: no block of a rig returns within 2 rows
 )
 _SPIKE_FLOORS = 30.0  # floors: the largest of 1e9 samples of noise is 6
+# Without a known noise: times the distance from the median that 0.9 of the samples keep, which is 1.6 standard deviations of
+# noise, and steps of the converter. A rig at rest shows nothing but noise and such steps, and they are no spikes
+_USUAL, _SPIKE_STEPS = 6.0, 3.0
 _WRAP = 0.7  # of an angle's range: a step by so much in one sample; where it begins anew it is all but a step of it
 _SAME_WRAP = 0.05  # of a turn: what such steps may differ by, at a speed that changes
 # Movements of all other values, by which a value is away that stands for no value: -999 degC beside 20 to 80 is 17. In all
@@ -270,14 +273,19 @@ def are_few(spikes: np.ndarray, values: np.ndarray) -> bool:
 def find_spikes(values: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows (m,) of `values` (n,) that are alone far from their neighbours, and the medians (m,) of five rows there.
 
-    floor: standard deviation of the noise. The peak of a jump, as of a motor's torque after a step of its speed demand, is not
-    alone: the levels before and after it differ.
+    floor: standard deviation of the noise; 0 if unknown, then it is estimated from `values`. The peak of a jump, as of a
+    motor's torque after a step of its speed demand, is not alone: the levels before and after it differ.
     """
     if len(values) < 5:
         return np.zeros(0, int), np.zeros(0)
     smooth = median_filter(values, 5, mode="nearest")
+    away = np.abs(values - smooth)
     least = max(_SPIKE * float(np.quantile(values, 0.999) - np.quantile(values, 0.001)), _SPIKE_FLOORS * floor)
-    rows = np.flatnonzero(np.abs(values - smooth) > least) if least > 0.0 else np.zeros(0, int)
+    if floor == 0.0:
+        steps = np.diff(np.unique(values))
+        step = float(steps.min()) if len(steps) else 0.0
+        least = max(least, _USUAL * float(np.quantile(away, 0.9)), _SPIKE_STEPS * step)
+    rows = np.flatnonzero(away > least) if least > 0.0 else np.zeros(0, int)
     before, after = (np.median(values[np.clip(rows + side * _BESIDE, 0, len(values) - 1)], axis=0) for side in (-1, 1))
     rows = rows[np.abs(after - before) < _JUMP * np.abs(values - smooth)[rows]]
     return rows, smooth[rows]

@@ -109,6 +109,17 @@ def test_the_peak_of_a_jump_is_not_alone() -> None:
     assert list(find_spikes(glitch, NOISE)[0]) == [4321 + 900]
 
 
+@pytest.mark.parametrize("step", [0.0, 0.02, 0.08])
+def test_the_noise_of_a_rig_at_rest_is_no_spike(step: float) -> None:
+    """An import knows no noise, and each step of a converter was 'far from the neighbours'."""
+    noise = NOISE * np.random.default_rng(3).standard_normal(ROWS)
+    rest = noise if step == 0.0 else step * np.round(noise / step + 0.3)
+    assert not len(find_spikes(rest, 0.0)[0])
+    assert list(find_spikes(np.where(np.arange(ROWS) == 4321, 2.0, rest), 0.0)[0]) == [4321]
+    lost = np.arange(50, ROWS, 97)
+    assert list(find_spikes(np.where(np.isin(np.arange(ROWS), lost), -20.0, SOUND), 0.0)[0]) == list(lost)
+
+
 @pytest.mark.parametrize(
     "fault",
     [
