@@ -107,9 +107,7 @@ def _read_values(catalogue: Catalogue, path: Path, node: str, rig: str) -> dict[
     for name, value in values.items():
         low, high = running[name].bounds  # a file may not widen the bounds
         if own[name]["fixed"] or not low <= value <= high:
-            raise InputError(
-                own[name]["fixed"] or f"{path}: parameter {name} = {value:g} breaks {low:g} <= value <= {high:g}"
-            )
+            raise InputError(own[name]["fixed"] or f"{path}: parameter {name} = {value:g} is outside {low:g}..{high:g}")
     return values
 
 

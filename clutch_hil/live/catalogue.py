@@ -66,7 +66,7 @@ class Catalogue:
             raise InputError(entry["fixed"])
         if not low <= value <= high:
             given = with_unit(f"{value:g}", entry["unit"])
-            raise InputError(f"parameter {name} = {given} breaks {low:g} <= value <= {high:g}")
+            raise InputError(f"parameter {name} = {given} is outside {low:g}..{high:g}")
         return value
 
     def _make_error(self, name: str) -> InputError:

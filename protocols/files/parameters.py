@@ -47,7 +47,7 @@ class Parameter:
         low, high = self.bounds
         if not (isfinite(self.value) and low <= self.value <= high):
             unit = space_unit(self.unit)
-            raise InputError(f"parameter {self.name} = {self.value:g}{unit} breaks {low:g} <= value <= {high:g}")
+            raise InputError(f"parameter {self.name} = {self.value:g}{unit} is outside {low:g}..{high:g}")
         if not 0.0 <= self.uncertainty < inf:
             raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")
         if not self.source.strip():

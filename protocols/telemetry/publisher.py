@@ -223,7 +223,7 @@ class Publisher:
             if not (number and low <= value <= high):
                 unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
                 shown = f"{value:g}" if isinstance(value, float) else repr(value)[:_SHOWN]
-                raise InputError(f"parameter {name} = {shown}{unit} breaks {low:g} <= value <= {high:g}")
+                raise InputError(f"parameter {name} = {shown}{unit} is outside {low:g}..{high:g}")
             if entry["fixed"]:
                 raise InputError(entry["fixed"])
         when = {"when": {key: value for key, value in asked.items() if key != "values"}} if timed else {}

@@ -261,7 +261,7 @@ def test_a_row_shows_what_a_ramp_has_reached_at_its_time() -> None:
     ("values", "sentence"),
     [
         ({"friction_level.levle": 0.5}, "parameter 'friction_level.levle' is unknown; did you mean friction_level.level"),
-        ({LEVEL: 9.0}, r"friction_level.level = 9 breaks 0\.3 <= value <= 3"),
+        ({LEVEL: 9.0}, r"friction_level.level = 9 is outside 0\.3..3"),
         ({LEVEL: 0.5, "piston.damping": 100.0}, "piston.damping = 100 N|too fast to integrate"),
         ({"sensors.pressure_bits": 16.0}, "sensors.pressure_bits is fixed while the plant runs"),
     ],

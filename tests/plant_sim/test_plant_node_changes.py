@@ -169,8 +169,8 @@ def test_a_request_is_refused_with_its_reason(plant_node: ModuleType) -> None:
         node = NodeBench(plant_node, blind=blind).node
         for values, when, reason in (
             ({BITS: 16.0}, {}, FIXED),
-            ({LEVEL: 9.0}, {}, "breaks"),
-            ({DELAY: -1.0}, {}, "breaks"),
+            ({LEVEL: 9.0}, {}, "is outside"),
+            ({DELAY: -1.0}, {}, "is outside"),
             ({"friction_levle.level": 0.5}, {}, "did you mean friction_level"),
             ({SUMP: 80.0}, {"ramps": 1.0}, "did you mean ramp"),
             ({LEVEL: 0.9, LEAKAGE: 1e-6}, {}, BOTH),

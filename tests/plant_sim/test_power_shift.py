@@ -185,7 +185,7 @@ def test_each_clutch_heats_its_own_oil() -> None:
         ({"b.shaft_compliance.compliance": 1e-3}, "effect b.shaft_compliance acts between motor and clutch"),
         ({"b.motor_torque_ripple.amplitude": 0.1}, "effect b.motor_torque_ripple acts between motor and clutch"),
         ({"a.piston_seal_friction.force": 1e3, "a.piston_seal_friction.travel": 1e-6}, "clutch a: the rig is too fast"),
-        ({"driveline.grade": 2.0}, "parameter driveline.grade = 2 breaks -0.5 <= value <= 0.5"),
+        ({"driveline.grade": 2.0}, "parameter driveline.grade = 2 is outside -0.5..0.5"),
         ({"valve.gain": 2.0}, "parameter 'valve.gain' is unknown"),
     ],
 )

@@ -117,7 +117,7 @@ def test_more_planned_changes_than_an_answer_can_list_end_no_loop(
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"torque.integral_gain": 0.1, "torque.proportional_gain": 0.3}, "breaks 0 <= value <= 0.2"),
+        ({"torque.integral_gain": 0.1, "torque.proportional_gain": 0.3}, "is outside 0..0.2"),
         ({"torque.integral_gain": 0.1, "torque.gain": 0.3}, "parameter 'torque.gain' is unknown; did you mean"),
         ({"torque.integral_gain": 0.1, "torque.demand_limit": "high"}, "is 'high'; a number is needed"),
         (

@@ -264,7 +264,7 @@ def test_a_blind_plant_tells_what_any_plant_would_refuse_and_hides_why_only_it_d
 
     with pytest.raises(InputError, match="did you mean friction_level"):
         make_blind_plant().accept({"friction_levle.level": 0.5}, {})
-    with pytest.raises(InputError, match="breaks"):
+    with pytest.raises(InputError, match="is outside"):
         make_blind_plant().accept({"friction_level.level": 50.0}, {})
     monkeypatch.setattr("plant_sim.effects.table._check_exclusions", _refuse_exclusive)
     with pytest.raises(InputError, match="a blind plant does not give the reason"):

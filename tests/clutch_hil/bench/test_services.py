@@ -339,7 +339,7 @@ def test_two_rates_are_refused(local_bus: str) -> None:
         (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are broadband, cold_start, "),
         (["--seconds", "-1"], "a run of -1 s is not possible"),
         (["--law", "best"], "control law 'best' is unknown; allowed are both, feedforward, feedback"),
-        (["--plant-parameters", "bad.toml"], "parameter clutch.coulomb_slope = 999 Nm/bar breaks 0.1 <= value <= 500"),
+        (["--plant-parameters", "bad.toml"], "parameter clutch.coulomb_slope = 999 Nm/bar is outside 0.1..500"),
         (["--controller-parameters", "bad.toml"], "parameter 'clutch.coulomb_slope' is unknown; did you mean"),
         (["--plant-parameters", "missing.toml"], "parameter file missing.toml does not exist"),
         (["--router", "nonsense"], "error: zenoh router 'nonsense' cannot be reached; an address such as"),

@@ -77,7 +77,7 @@ def test_what_the_search_began_with_stays_in_the_model(tmp_path: Path) -> None:
     ("estimate", "sentence"),
     [
         (replace(FORCE, name="piston_seal_friction.forse"), r"'piston_seal_friction.forse' is unknown.*force"),
-        (replace(FORCE, value=2000.0), r"piston_seal_friction.force = 2000 N breaks 0 <= value <= 1000"),
+        (replace(FORCE, value=2000.0), r"piston_seal_friction.force = 2000 N is outside 0..1000"),
         (replace(FORCE, value=float("nan")), r"piston_seal_friction.force = nan"),
         (replace(FORCE, unit="kN"), r"piston_seal_friction.force was fitted in 'kN'; its unit is 'N'"),
     ],

@@ -149,7 +149,7 @@ def test_the_file_has_runs_units_and_correlation(result: Identification, calibra
     [
         ('rig = "wet_clutch"', 'rig = "power_shift"', "is of the rig 'power_shift'"),
         ("[controller.model]", "[other.model]", "has no table"),
-        ("gain = { value = ", "gain = { value = -1", "breaks"),
+        ("gain = { value = ", "gain = { value = -1", "is outside"),
     ],
 )
 def test_a_controller_refuses_what_is_not_its_own(

@@ -150,7 +150,7 @@ def test_plant_and_both_controllers_read_the_file(outcome: ShiftIdentification, 
     [
         ('rig = "power_shift"', 'rig = "wet_clutch"', "is of the rig 'wet_clutch'"),
         ("controller_b", "controller_c", r"has no table \[controller_b\]"),
-        ("valve_gain = { value = ", "valve_gain = { value = -1", "breaks"),
+        ("valve_gain = { value = ", "valve_gain = { value = -1", "is outside"),
     ],
 )
 def test_what_is_of_another_rig_or_out_of_bounds_is_refused(

@@ -58,8 +58,8 @@ def find_refusal(bench: Running, path: Path, *options: str) -> str:
     [
         ('rig = "wet_clutch"', 'rig = "power_shift"', "is for the rig 'power_shift'; the rig on local:bench"),
         ("[calibration]", "[other]", "names no rig in a table"),
-        ("value = 2.4", "value = 240.0", "contact_pressure = 240 bar breaks"),
-        ("value = 2.4", 'value = 240.0, bounds = [0.1, 300.0]', "contact_pressure = 240 breaks"),
+        ("value = 2.4", "value = 240.0", "contact_pressure = 240 bar is outside"),
+        ("value = 2.4", 'value = 240.0, bounds = [0.1, 300.0]', "contact_pressure = 240 is outside"),
         ("value = 2.4", "value = nan", "contact_pressure = nan"),
         ('unit = "Nm/bar"', 'unit = "Nm"', "coulomb_slope is given in 'Nm'"),
         ("contact_pressure = {", "contact_presure = {", "contact_presure"),

@@ -96,7 +96,7 @@ BROKEN = {
     "unit": (EXAMPLE.replace('"bar"', '"barr"'), "effect unit, parameter amplitude: unit 'barr' is unknown"),
     "Pump-Puls": (EXAMPLE, r"effect file \S+: 'Pump-Puls' is not a valid name of an effect"),
     "rival": (EXAMPLE.replace("candidate=False", "excludes=('backlsh',)"), "excludes 'backlsh', .* did you mean backlash"),
-    "bounds": (EXAMPLE.replace("typical=1.0", "typical=9.0"), r"bounds\.amplitude = 9 bar breaks 0 <= value <= 5"),
+    "bounds": (EXAMPLE.replace("typical=1.0", "typical=9.0"), r"bounds\.amplitude = 9 bar is outside 0..5"),
     "off": (EXAMPLE.replace("typical=1.0", "typical=0.0"), "effect off: amplitude is off at its typical value 0 bar"),
     "block": (EXAMPLE.replace('block="valve"', 'block="spool"'), "block 'spool' is unknown; allowed are valve, hydraulics"),
     "ends": ("import sys; sys.exit(3)", "cannot be loaded: SystemExit: 3"),
