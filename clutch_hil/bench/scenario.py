@@ -19,6 +19,7 @@ from plant_sim.bus_faults.catalogue import BUS_FAULTS
 from plant_sim.effects.catalogue import load_effects
 from plant_sim.node.injection import Injection, bias_sensor, freeze_sensor, switch_off, switch_on
 from plant_sim.node.plant_rig import RigProfile
+from plant_sim.profiles.profile import list_profiles
 from protocols.can.bus_load import BITRATES, compute_bus_load
 from protocols.can.frames import list_bus_frames
 from protocols.can.two_clutches import CONTROLLERS
@@ -111,8 +112,8 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
     known = find_shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
     if path is None:
-        if name.endswith(".csv"):
-            raise InputError(f"scenario {name!r} is a profile; give it by --profile {name}")
+        if name.endswith(".csv") or name in list_profiles():
+            raise InputError(f"scenario {name!r} is a profile; give it by --profile {name}, or profile= from Python")
         raise InputError(
             f"scenario {name!r} is unknown, and the path of one ends with .toml; {suggest_closest(name, known)}"
         )

@@ -195,6 +195,11 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
     return profile if seconds is None else profile.repeat_to(seconds)
 
 
+def list_profiles() -> list[str]:
+    """Return the names of the shipped profiles, of one clutch and of two."""
+    return sorted(path.stem for path in FOLDER.glob("*.csv"))
+
+
 def find_profile(name: str, folder: Path, kind: str) -> Path:
     """Return the path of a profile of this `kind`, given by its path or its name in `folder`. Raises InputError."""
     if name.endswith(".csv"):

@@ -342,10 +342,17 @@ def test_an_unknown_scenario_is_told_with_what_comes_closest() -> None:
         match=r"^scenario 'engagment' is unknown, and the path of one ends with .toml; did you mean engagement",
     ):
         load_scenario("engagment")
-    with pytest.raises(InputError, match=r"^scenario 'mine\.csv' is a profile; give it by --profile mine\.csv$"):
-        load_scenario("mine.csv")
     with pytest.raises(InputError, match=r"^file nowhere\.toml does not exist$"):
         load_scenario("nowhere.toml")
+
+
+@pytest.mark.parametrize("name", ["mine.csv", "pressure_steps"])
+def test_a_profile_is_not_taken_for_a_misspelt_scenario(name: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        load_scenario(name)
+    assert str(refusal.value) == (
+        f"scenario {name!r} is a profile; give it by --profile {name}, or profile= from Python"
+    )
 
 
 def test_nothing_is_written_when_a_file_is_wrong(written, tmp_path: Path) -> None:
