@@ -126,8 +126,8 @@ def _follow(speed: np.ndarray, later: float, period: float, filtered: bool) -> n
     if not filtered:
         rows = np.arange(len(speed))
         return np.interp(rows - later / period, rows, speed)
-    kept = float(np.exp(-period / later))
-    return speed[0] + lfilter([1.0 - kept], [1.0, -kept], speed - speed[0])
+    new = period / (period + 2.0 * later)  # bilinear transform of 1/(1 + later s)
+    return speed[0] + lfilter([new, new], [1.0, new * (1.0 - 2.0 * later / period)], speed - speed[0])
 
 
 def _fit(speed: np.ndarray, slip: np.ndarray, period: float, filtered: bool) -> _Fit:
