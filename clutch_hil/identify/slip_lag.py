@@ -104,14 +104,16 @@ def _is_instantaneous(columns: Columns, period: float) -> bool:
     """
     if not {*_TORQUES, _DEMAND} <= set(columns):
         return False
+    motor, clutch, demand = (np.asarray(columns[name], float) for name in (*_TORQUES, _DEMAND))
+    if not all(len(one) == len(columns[_TIME]) and np.isfinite(one).all() for one in (motor, clutch, demand)):
+        return False
     width = _SMOOTH / period
     cut = int(_CUT * width) + 1
-    moves = np.abs(np.diff(columns[_DEMAND], append=columns[_DEMAND][-1])) > 0.0
+    moves = np.diff(demand, append=demand[-1]) != 0.0
     rests = np.convolve(moves, np.ones(2 * cut + 1), "same") == 0.0
     rests[:cut] = rests[-cut:] = False
     if np.count_nonzero(rests) * period < _LEAST_REST:
         return False
-    motor, clutch = (np.asarray(columns[name], float) for name in _TORQUES)
     torque, slip = (gaussian_filter1d(one, width) for one in (motor - clutch, np.asarray(columns[_SLIP], float)))
     rise = np.gradient(slip, period)[rests]
     left = []

@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 import clutch_hil as ch
+from clutch_hil.identify.shaft_angle import complete_angle
 from clutch_hil.identify.slip_lag import SLIP_DELAY, SLIP_FILTER, add_slip_lag, delay_slip
 from protocols.files.run import Run
 
@@ -74,6 +75,13 @@ def test_nothing_is_said_of_runs_that_show_nothing(bad: np.ndarray) -> None:
     columns = {"time_s": 1e-3 * np.arange(len(bad)), SLIP: bad, ANGLE: bad}
     assert add_slip_lag(columns) is columns
     assert add_slip_lag({"time_s": bad, SLIP: bad[:1], ANGLE: bad}).keys() == columns.keys()
+
+
+@pytest.mark.parametrize("bad", [np.zeros(3), np.full(12000, np.nan)])
+def test_other_columns_that_are_refused_later_are_no_error_here(bad: np.ndarray) -> None:
+    exact = make_exact("engagement", {}, False).columns
+    columns = complete_angle({**exact, "motor_torque_nm": bad})
+    assert add_slip_lag(columns) is columns
 
 
 @pytest.mark.parametrize("change", [at_once, filtered, late])
