@@ -224,7 +224,7 @@ def identify_subject(subject: Subject, runs: Evidenced, wishes: Wishes, progress
         subject.shows_response,
     )  # fmt: skip
     simulated = {name: simulate_seen(model, run, values, {}) for name, run in measured.items()}
-    misfit = {o.column: measure_misfit(o.column, measured, simulated, floors[o.column]) for o in model.outputs}
+    misfit = {o.column: measure_misfit(o, measured, simulated, floors[o.column]) for o in model.outputs}
     warnings = [
         *dict.fromkeys(_select_unmet(plan, fit).values()),
         *_list_at_bounds(fit.excited, values, wishes.bounds),

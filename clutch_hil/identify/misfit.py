@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns
+from clutch_hil.fitting.model import Columns, Output
 from clutch_hil.fitting.noise import pool_noise
 from clutch_hil.identify.joint_fit import GOOD_FIT
 from protocols.errors import join_names
@@ -30,12 +30,13 @@ def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged:
 
 
 def measure_misfit(
-    column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns], floor: float
+    output: Output, measured: Mapping[str, Columns], simulated: Mapping[str, Columns], floor: float
 ) -> float:
     """Return the root mean square residual of an output, in multiples of its noise, over the rows that the model predicts.
 
-    floor: noise of most runs, in the unit of the output.
+    floor: noise of most runs, in the unit of the output. The noise is at least the accuracy of the simulation.
     """
+    column = output.column
     left = [run[column] - simulated[name][column] for name, run in measured.items()]
-    noise = pool_noise([run[column] for run in measured.values()], floor)
+    noise = max(pool_noise([run[column] for run in measured.values()], floor), output.accuracy)
     return float(np.sqrt(np.nanmean(np.concatenate(left) ** 2))) / noise

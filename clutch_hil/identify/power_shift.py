@@ -280,5 +280,5 @@ def _compare(
         units |= {o.column: o.unit for o in outputs}
         floors = estimate_floors(list(evidence.measured.values()), outputs)
         for o in outputs:
-            misfit[o.column] = measure_misfit(o.column, evidence.measured, line.simulated, floors[o.column])
+            misfit[o.column] = measure_misfit(o, evidence.measured, line.simulated, floors[o.column])
     return simulated, units, misfit

@@ -8,8 +8,10 @@ import pytest
 from scipy.signal import butter, lfilter
 
 import clutch_hil as ch
+from clutch_hil.identify.identification import identify_clutch
 from clutch_hil.identify.shaft_angle import complete_angle
 from clutch_hil.identify.slip_lag import SLIP_DELAY, SLIP_FILTER, add_slip_lag, delay_slip
+from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 
 SLIP, ANGLE = "slip_speed_rad_s", "shaft_angle_rad"
@@ -104,3 +106,16 @@ def test_exact_values_of_another_simulation_are_compared(effects: dict[str, floa
     """An open clutch has a torque of exactly 0, and a worn one is open for longer than its baseline: it is not frozen."""
     outcome = ch.find_discrepancy([make_exact(name, effects, angle) for name in PROFILES])
     assert outcome.result.effects == [*dict.fromkeys(name.partition(".")[0] for name in effects)], str(outcome)
+
+
+def test_exact_values_of_another_simulation_are_identified() -> None:
+    profiles = (*PROFILES, "pressure_steps", "reversals", "slip_sine")
+    runs = [make_exact(name, {}, False) for name in profiles]
+    identified = identify_clutch(runs)
+    declared = wet_clutch.load_nominal()
+    values = {one.name: one for one in identified.calibration.parameters}
+    outside = [n for n, one in values.items() if not one.interval[0] <= declared[n].value <= one.interval[1]]
+    assert len(values) > 20
+    assert len(outside) <= 2, outside  # of 26, each outside with a probability of 5 %
+    assert max(identified.misfit.values()) < 1.0
+    assert not [text for text in identified.calibration.warnings if "above their noise" in text]
