@@ -62,7 +62,7 @@ def test_the_model_file_changes_that_clutch_of_the_rig(model_file: Path, worn: l
     closed, open_ = (ch.simulate("shift", plant_parameters=file) for file in (model_file, None))
     column = "cylinder_pressure_b_bar"
     after, before = (np.std(run[column] - worn[0][column]) for run in (closed, open_))
-    assert after < 0.8 * before
+    assert after < 0.1 * before  # all have the same noise; 0.4 mbar were left of 25
 
 
 def test_a_search_begins_from_the_model_file(model_file: Path, worn: list[Run]) -> None:
@@ -125,9 +125,11 @@ def test_what_an_import_map_computes_has_the_names_of_the_model() -> None:
 
 
 def test_a_fault_of_a_controller_ends_the_part_that_is_used(worn: list[Run]) -> None:
-    fault = np.where(np.arange(len(worn[0]["time_s"])) < 1000, 0.0, 8.0)
+    fault = np.where(np.arange(len(worn[0]["time_s"])) < 3000, 0.0, 8.0)
     broken = replace(worn[0], columns={**worn[0].columns, "controller_b_fault": fault})
-    assert "controller_b_fault" in ClutchB().take_run(broken)
+    outcome = ch.find_discrepancy([broken], rig="power_shift.b", effects=["drag_torque"])
+    assert len(outcome.result.traces[0].columns["time_s"]) == 3000
+    assert any("only the 3000 rows before it are used" in note for note in outcome.result.notes)
 
 
 def test_no_experiment_is_proposed_that_no_bench_plays() -> None:
@@ -144,8 +146,10 @@ def test_rows_that_the_model_does_not_predict_stay_out_of_every_fit(worn: list[R
     unseen = model.find_unseen(run)["clutch_torque_nm"]
     assert 0.0 < unseen.mean() < 0.5  # the plates are nearly at rest for a part of the run
     evidence = Evidence(model, [run], estimate_floors([run], model.outputs))
-    assert evidence.size - evidence.count == pytest.approx(unseen.sum() / evidence.blocks[0], abs=20)
+    assert evidence.size - evidence.count == pytest.approx(
+        unseen.sum() / evidence.blocks[0], abs=20
+    )  # a mean that has one such row is left out, at both ends of some ten stretches
     base = linearise(evidence, ({n: p.value for n, p in model.parameters.items()}, {}), [])
-    assert abs(evidence.compute_excess(base.residual)) < 0.01
+    assert abs(evidence.compute_excess(base.residual)) < 0.01  # a tenth of a disagreement
     weakened = JointFits(evidence, base, base).weaken_outliers()
     assert np.isfinite(weakened.weights).all()

@@ -34,6 +34,7 @@ from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
 
 NOISE = 0.05  # V
+POWER = 0.15  # mean square of 1000 residuals: three standard deviations, sqrt(2/1000) each
 TRUE_GAIN = 2.03  # declared 2.0 +- 0.1
 PARAMETERS = ParameterSet(
     {"gain.value": Parameter("gain.value", 2.0, "1", 0.1, (0.0, 10.0), "a test's"),
@@ -114,7 +115,7 @@ def test_runs_of_different_rates_each_have_the_noise_of_their_means() -> None:
     for mixed in ([*runs, slow], [slow, slow, slow, runs[0]]):
         evidence = Evidence(Amplifier(), mixed, estimate_floors(mixed, Amplifier.outputs))
         (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
-        assert [np.mean(residual[piece] ** 2) for piece in evidence.pieces] == pytest.approx([1.0] * 4, abs=0.15)
+        assert [np.mean(residual[piece] ** 2) for piece in evidence.pieces] == pytest.approx([1.0] * 4, abs=POWER)
 
 
 def test_a_noisier_run_has_its_own_noise_and_a_quieter_one_that_of_the_others() -> None:
@@ -125,7 +126,7 @@ def test_a_noisier_run_has_its_own_noise_and_a_quieter_one_that_of_the_others() 
         evidence = Evidence(Amplifier(), mixed, floors)
         (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
         powers = [np.mean(residual[piece] ** 2) for piece in evidence.pieces]
-        assert powers == pytest.approx([1.0, 1.0, 1.0, power], abs=0.15)
+        assert powers == pytest.approx([1.0, 1.0, 1.0, power], abs=POWER)
         pooled = np.sqrt(np.mean([NOISE**2] * 3 + [max(noise, NOISE) ** 2]))
         assert pool_noise([run["output_v"] for run in mixed], floors["output_v"]) == pytest.approx(pooled, rel=0.05)
 
