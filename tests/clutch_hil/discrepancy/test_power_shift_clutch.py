@@ -97,9 +97,8 @@ def test_the_whole_rig_names_the_models_of_its_clutches() -> None:
 @pytest.mark.parametrize("model", [ClutchA, ClutchB])
 def test_the_cylinders_turn_with_the_input(worn: list[Run], model: type[PowerShiftClutch]) -> None:
     speed = model().take_run(worn[0])[CYLINDER_SPEED]
-    np.testing.assert_allclose(
-        speed, worn[0]["truth_input_speed_rad_s"], atol=0.7
-    )  # 7.5 steps of an encoder in a sample
+    # 0.10 measured: three and two times the rounding of an encoder, 0.008 rad/s at 500 Hz, and half a sample of 34 rad/s^2
+    np.testing.assert_allclose(speed, worn[0]["truth_input_speed_rad_s"], atol=0.15)
 
 
 def test_two_equal_gears_are_refused(tmp_path: Path) -> None:
