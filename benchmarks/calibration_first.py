@@ -1,7 +1,7 @@
 """Calibration before discovery: rigs that lack nothing but a calibration. `python -m benchmarks.calibration_first`.
 
 The rigs are those of benchmarks/identification.py, with all parameters off by at most 30, 10 or 3 %, or the five of the clutch
-in docs/identify.md by at most 30 %. Each plays COURSES of `clutch-hil experiment identify`, by the battery's
+in docs/identify_method.md by at most 30 %. Each plays COURSES of `clutch-hil experiment identify`, by the battery's
 truth, or with `--run` one closed loop of clutch-hil, which the checks of recordings may refuse. The search must name
 nothing for such a rig.
 """

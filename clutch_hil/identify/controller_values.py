@@ -36,7 +36,7 @@ _TORQUES = (
 )  # fmt: skip
 _GAINS = ("torque.proportional_gain", "torque.integral_gain")
 # Ratio to the nominal slope, or its inverse, from which they are scaled; closer to nominal the controller follows as designed
-# (docs/identify.md, 50 rigs)
+# (docs/identify_method.md, 50 rigs)
 _OTHER_SIZE = 2.0
 # Parameters needed to hold a clutch at a pressure: no maps
 _PRESSURES = (

@@ -49,7 +49,7 @@ _MOST_POLISHED = 4  # steps with the last sensitivities: the first one brings ne
 # leads out of it
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0, 1e2, 1e3, 1e4)
 _LEAST_GAIN = 1.0  # least gain of the cost in a round: a third of the cost of a move by one standard deviation
-GOOD_FIT = 1.2  # ratio of residual to noise up to which a fit is good: noise alone gives 1.02 (docs/identify.md)
+GOOD_FIT = 1.2  # ratio of residual to noise up to which a fit is good: noise alone gives 1.02 (docs/identify_method.md)
 _MOST_WEIGHINGS = 6  # rounds of re-weighting the outputs by their residuals: one or two are usual
 _OUTLIER = 6.0  # robust standard deviations: noise exceeds it once in 5e8
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation

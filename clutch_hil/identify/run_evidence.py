@@ -21,7 +21,7 @@ from protocols.errors import InputError, format_count, name_run
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 
-# Replacements of a missing sensor. docs/identify.md has results without each of them
+# Replacements of a missing sensor. docs/identify_method.md has results without each of them
 _INSTEAD = {
     "clutch_torque_nm": "it may be missing if torque and speed demand of the motor were recorded",
     "motor_speed_demand_rad_s": "it may be missing if the clutch torque was recorded",

@@ -36,7 +36,7 @@ OFFSET = 0.04  # bar, of a pressure sensor: eight deviations of its noise
 
 
 def make_example() -> np.ndarray:
-    """The clutch of docs/identify.md; the zeros of its torque lines lie at the contact pressure as the thesis's do."""
+    """The clutch of docs/identify_method.md; the zeros of its torque lines lie at the contact pressure as the thesis's do."""
     rig, nominal = draw_rig(), draw_rig()
     for name, value in EXAMPLE.items():
         rig[f"clutch_{name}"] = value / (BAR if name == "coulomb_slope" else 1.0)

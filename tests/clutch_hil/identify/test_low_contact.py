@@ -11,7 +11,7 @@ CLUTCH = {
     "clutch.beta_onset": 1.0, "clutch.beta_scale": 0.15,
 }  # fmt: skip
 FOLLOWED = (
-    0.2  # Nm: 0.10 Nm were measured; a controller that knows its rig has 0.05 to 0.19 Nm (docs/identify.md, Measured)
+    0.2  # Nm: 0.10 Nm were measured; a controller that knows its rig has 0.05 to 0.19 Nm (docs/identify_method.md)
 )
 
 
