@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import clutch_hil as ch
-from clutch_hil.bench.calibration_check import describe_mismatch
+from clutch_hil.bench.judgement.calibration_check import describe_mismatch
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
 from rt_controller.loop.node import load_controller_parameters

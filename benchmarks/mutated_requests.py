@@ -37,7 +37,7 @@ from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import POLL, Bench, Session
 from clutch_hil.command import report, run_command
-from clutch_hil.live.tune import request_parameters
+from clutch_hil.live.tuning.tune import request_parameters
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.realtime.child import list_command

@@ -4,7 +4,7 @@ The rig is the plant of clutch-hil with the true parameters, the scenario is `sh
 `python -m benchmarks.power_shift --closed-loop` plays every rig that it identifies.
 
 Measure         dip and rise of the output torque in the hand-over, each as a share of the torque before, and the time of the
-                shift (clutch_hil/bench/power_shift_measures.py). As good as known: each is at most 1.2 times that of
+                shift (clutch_hil/bench/judgement/power_shift_measures.py). As good as known: each is at most 1.2 times that of
                 controllers that know the rig, and 0.01, or 0.02 s. A shift that does not end with these (on a steep road the
                 vehicle does not reach the second gear's speed in the scenario) has no time to compare
 """
@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import clutch_hil as ch
-from clutch_hil.bench.calibration_check import describe_shift_mismatch
+from clutch_hil.bench.judgement.calibration_check import describe_shift_mismatch
 from clutch_hil.identify.calibration import Calibration
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import power_shift

@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from clutch_hil import friction
-    from clutch_hil.bench.figures import draw_run, draw_sweep
     from clutch_hil.bench.in_memory import measure_run, simulate
+    from clutch_hil.bench.pictures.figures import draw_run, draw_sweep
     from clutch_hil.bench.run_file import read_run
-    from clutch_hil.bench.sampling import grid, latin_hypercube, random
-    from clutch_hil.bench.study import sweep
+    from clutch_hil.bench.sweeps.sampling import grid, latin_hypercube, random
+    from clutch_hil.bench.sweeps.study import sweep
     from clutch_hil.discrepancy.laboratory import play_experiment
     from clutch_hil.discrepancy.outcome import Discrepancy, find_discrepancy
     from clutch_hil.identify.friction.identification import identify_friction
@@ -69,11 +69,11 @@ _PLACES = {
     "protocols.errors": ("InputError",),
     "protocols.files.run": ("Run",),
     "protocols.files.runs": ("write_run",),
-    "clutch_hil.bench.figures": ("draw_run", "draw_sweep"),
+    "clutch_hil.bench.pictures.figures": ("draw_run", "draw_sweep"),
     "clutch_hil.bench.in_memory": ("measure_run", "simulate"),
     "clutch_hil.bench.run_file": ("read_run",),
-    "clutch_hil.bench.sampling": ("grid", "latin_hypercube", "random"),
-    "clutch_hil.bench.study": ("sweep",),
+    "clutch_hil.bench.sweeps.sampling": ("grid", "latin_hypercube", "random"),
+    "clutch_hil.bench.sweeps.study": ("sweep",),
     "clutch_hil.discrepancy.laboratory": ("play_experiment",),
     "clutch_hil.discrepancy.outcome": ("Discrepancy", "find_discrepancy"),
     "clutch_hil.identify.friction.identification": ("identify_friction",),

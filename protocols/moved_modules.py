@@ -16,10 +16,8 @@ _PACKAGES = {
     "plant_sim.discrepancy": "clutch_hil.discrepancy",
     "plant_sim.live": "clutch_hil.live",
     "plant_sim.reproduce": "clutch_hil.thesis",
-    **{
-        f"plant_sim.{name}": f"clutch_hil.bench.{name}"
-        for name in ("direction", "experiments", "lanes", "palette", "scenario")
-    },
+    **{f"plant_sim.{name}": f"clutch_hil.bench.{name}" for name in ("direction", "experiments", "scenario")},
+    **{f"plant_sim.{name}": f"clutch_hil.bench.pictures.{name}" for name in ("lanes", "palette")},
     "protocols.command": "clutch_hil.command",
 }
 _MODULES = {
@@ -40,13 +38,13 @@ _MODULES = {
     "clutch_hil.discrepancy.report.page": "clutch_hil.discrepancy.report.html_page",
     "clutch_hil.discrepancy.report.remains": "clutch_hil.discrepancy.report.remaining_residual",
     "clutch_hil.discrepancy.report.where": "clutch_hil.discrepancy.report.disagreement",
-    "clutch_hil.live.course": "clutch_hil.live.demand_defaults",
-    "clutch_hil.live.lathe": "clutch_hil.live.solids",
-    "clutch_hil.live.pace": "clutch_hil.live.decimator",
-    "clutch_hil.live.page": "clutch_hil.live.viewer_page",
-    "clutch_hil.live.record": "clutch_hil.live.bench_recording",
+    "clutch_hil.live.course": "clutch_hil.live.driving.demand_defaults",
+    "clutch_hil.live.lathe": "clutch_hil.live.viewer.solids",
+    "clutch_hil.live.pace": "clutch_hil.live.viewer.decimator",
+    "clutch_hil.live.page": "clutch_hil.live.viewer.viewer_page",
+    "clutch_hil.live.record": "clutch_hil.live.recording.bench_recording",
     "clutch_hil.live.replay": "clutch_hil.live.run_replay",
-    "clutch_hil.live.rrd": "clutch_hil.live.rrd_reader",
+    "clutch_hil.live.rrd": "clutch_hil.live.viewer.rrd_reader",
     "clutch_hil.thesis.contradicted": "clutch_hil.thesis.contradictions",
     "clutch_hil.thesis.page": "clutch_hil.thesis.html_page",
     "clutch_hil.thesis.record": "clutch_hil.thesis.markdown_page",
@@ -67,10 +65,10 @@ _NAMES = {  # of classes and functions that files of users name
     "plant_sim.node.injection.effect_off": "plant_sim.node.injection.switch_off",
     "plant_sim.node.injection.sensor_freeze": "plant_sim.node.injection.freeze_sensor",
     "plant_sim.node.injection.sensor_bias": "plant_sim.node.injection.bias_sensor",
-    "clutch_hil.bench.picture.run_sheet": "clutch_hil.bench.picture.make_run_sheet",
-    "clutch_hil.bench.shift_picture.shift_sheet": "clutch_hil.bench.shift_picture.make_shift_sheet",
-    "clutch_hil.bench.measures.torque": "clutch_hil.bench.measures.find_torque",
-    "clutch_hil.bench.measures.faults": "clutch_hil.bench.measures.list_faults",
+    "clutch_hil.bench.pictures.picture.run_sheet": "clutch_hil.bench.pictures.picture.make_run_sheet",
+    "clutch_hil.bench.pictures.shift_picture.shift_sheet": "clutch_hil.bench.pictures.shift_picture.make_shift_sheet",
+    "clutch_hil.bench.judgement.measures.torque": "clutch_hil.bench.judgement.measures.find_torque",
+    "clutch_hil.bench.judgement.measures.faults": "clutch_hil.bench.judgement.measures.list_faults",
     "clutch_hil.fitting.model.equation": "clutch_hil.fitting.model.find_equation",
     "protocols.errors.closest": "protocols.errors.suggest_closest",
     "protocols.errors.listing": "protocols.errors.join_names",
@@ -121,11 +119,21 @@ def find_new_place(module: str) -> str | None:
                 break
     if _is_file(place) or _is_folder(place):
         return place
-    package, _, rest = module.partition(".")
-    if not rest or (folder := _find_folder(package)) is None:
+    return _find_by_file_name(place)
+
+
+def _find_by_file_name(module: str) -> str | None:
+    """Return the module whose file has the same name as that of `module`, in the nearest package; None if it is not unique."""
+    package, *parts = module.split(".")
+    root = _find_folder(package)
+    if root is None or not parts:
         return None
-    same_name = list(folder.rglob(f"{rest.rpartition('.')[2]}.py"))
-    return ".".join((package, *same_name[0].relative_to(folder).with_suffix("").parts)) if len(same_name) == 1 else None
+    for depth in range(len(parts) - 1, -1, -1):
+        same_name = list(root.joinpath(*parts[:depth]).rglob(f"{parts[-1]}.py"))
+        if same_name:
+            place = same_name[0].relative_to(root).with_suffix("").parts
+            return ".".join((package, *place)) if len(same_name) == 1 else None
+    return None
 
 
 def _list_imports(path: Path) -> Iterator[tuple[str, str | None]]:

@@ -31,13 +31,13 @@ BOOT = "test_boot.py"  # also a guest, with systemd
 # These measure time, or check the timing of a bench at 1 kHz, which needs a machine that is not busy.
 QUIET = (
     "plant_sim/effects/test_effect_speed.py",
-    "clutch_hil/live/test_view.py",
+    "clutch_hil/live/viewer/test_view.py",
     "protocols/local_bus",
     "protocols/telemetry",
     "clutch_hil/bench/test_can_log.py",
     "protocols/test_clock.py",
-    "clutch_hil/bench/test_jitter.py",
-    "clutch_hil/bench/test_timing_budget.py",
+    "clutch_hil/bench/timing/test_jitter.py",
+    "clutch_hil/bench/timing/test_timing_budget.py",
 )
 # These run services, or wait for threads, in real time, like the guest and each test on a `local_bus`. `python -m tests`
 # repeats them if they fail.

@@ -19,13 +19,13 @@ from typing import Any, NamedTuple, NoReturn
 import pytest
 
 from benchmarks.friction_oracles import Exudyn, MuJoCo, OpenSees
-from clutch_hil.bench.unit_files import find_program
-from clutch_hil.live import graphics
+from clutch_hil.bench.host.unit_files import find_program
+from clutch_hil.live.viewer import graphics
 from clutch_hil.thesis.measured_data import NEIGHBOUR_FOLDER, VARIABLE
 from protocols.buses.bus import resolve
 from protocols.errors import InputError
 from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
-from tests.clutch_hil.live import chromium
+from tests.clutch_hil.live.viewer import chromium
 
 FIELD_CASES = Path(os.environ.get(VARIABLE) or NEIGHBOUR_FOLDER) / "field_cases"
 SCIPY_FILES = sorted(

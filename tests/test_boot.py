@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.bench.unit_files import UNITS
+from clutch_hil.bench.host.unit_files import UNITS
 from protocols.kernels.kernel_cache import VARIABLE
 from tests import needs
 

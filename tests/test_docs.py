@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 import typer
 
-from clutch_hil.bench.effect_page import rewrite_page
-from clutch_hil.bench.effect_text import sort_effects
+from clutch_hil.bench.effect_sheets.effect_page import rewrite_page
+from clutch_hil.bench.effect_sheets.effect_text import sort_effects
 from clutch_hil.command import make_application
 from plant_sim.effects.catalogue import load_effects
 from protocols.telemetry import keys

@@ -22,7 +22,7 @@ from benchmarks.battery import judgement
 from benchmarks.battery.cases import FAMILIES, Case, list_cases
 from benchmarks.battery.score import Answer
 from benchmarks.battery.validity import hash_content, is_valid
-from clutch_hil.bench.executors import compute
+from clutch_hil.bench.sweeps.executors import compute
 from protocols.files.output_file import whole_file
 
 ROOT = Path(__file__).parents[2]

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.compiled_play import play_steadily
-from clutch_hil.bench.following import Following
-from clutch_hil.bench.measures import measure_following
+from clutch_hil.bench.judgement.following import Following
+from clutch_hil.bench.judgement.measures import measure_following
 from clutch_hil.bench.recording import TORQUE_DEMAND, list_run_columns
 from protocols.can.frame_batch import make_batch
 from protocols.can.two_clutches import CONTROLLERS

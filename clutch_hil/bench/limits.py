@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from clutch_hil.bench.measures import Columns
+from clutch_hil.bench.judgement.measures import Columns
 from clutch_hil.bench.rig import Rig
 from protocols.errors import InputError
 from protocols.files.units import space_unit

@@ -5,8 +5,8 @@ from plant_sim.node.power_shift_node import RIG as PLANT
 
 RIG = Rig(
     plant=PLANT,
-    measures_at="clutch_hil.bench.power_shift_measures:MEASURES",
-    sheet_at="clutch_hil.bench.shift_picture:make_shift_sheet",
+    measures_at="clutch_hil.bench.judgement.power_shift_measures:MEASURES",
+    sheet_at="clutch_hil.bench.pictures.shift_picture:make_shift_sheet",
     judge_at="clutch_hil.bench.shift:judge_shift",
     status_at="clutch_hil.bench.shift:ShiftStatus",
     figures=("torque_gap", "shift_time_s"),

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.calibration_check import describe_failed_fill, describe_mismatch
 from clutch_hil.bench.faults.process_fault import ProcessFault
-from clutch_hil.bench.following import REACHED_SHARE, Following
+from clutch_hil.bench.judgement.calibration_check import describe_failed_fill, describe_mismatch
+from clutch_hil.bench.judgement.following import REACHED_SHARE, Following
+from clutch_hil.bench.judgement.measures import MEASURES, find_highest_demand, measure_following
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
-from clutch_hil.bench.measures import MEASURES, find_highest_demand, measure_following
-from clutch_hil.bench.picture import draw_run
+from clutch_hil.bench.pictures.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import format_service
 from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, waits_for_idle, watch_run

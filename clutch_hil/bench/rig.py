@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.measures import Columns, Measure
+from clutch_hil.bench.judgement.measures import Columns, Measure
 from plant_sim.node.plant_rig import PlantRig
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, describe_error, suggest_closest

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.arguments import take_whole
-from clutch_hil.bench.demand_check import check_demands
 from clutch_hil.bench.faults.bench_fault import BenchFault
 from clutch_hil.bench.faults.catalogue import PlannedHostFault
 from clutch_hil.bench.faults.process_fault import ProcessFault
+from clutch_hil.bench.judgement.demand_check import check_demands
 from clutch_hil.bench.limits import Limit
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.settings import RunSettings, take_settings

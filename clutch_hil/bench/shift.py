@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.calibration_check import describe_failed_fill, describe_shift_mismatch
+from clutch_hil.bench.judgement.calibration_check import describe_failed_fill, describe_shift_mismatch
+from clutch_hil.bench.judgement.power_shift_measures import MEASURES, find_handover
 from clutch_hil.bench.limits import Limit, judge_limits
-from clutch_hil.bench.power_shift_measures import MEASURES, find_handover
+from clutch_hil.bench.pictures.shift_picture import draw_shift
 from clutch_hil.bench.result import (
     Result,
     format_bench_faults,
@@ -17,7 +18,6 @@ from clutch_hil.bench.result import (
     had_process_fault,
     make_title,
 )
-from clutch_hil.bench.shift_picture import draw_shift
 from clutch_hil.bench.status import StatusLine
 from plant_sim.node.power_shift_node import COLUMNS
 from protocols.can.bus_load import BITRATES, compute_bus_load

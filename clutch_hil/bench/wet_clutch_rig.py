@@ -5,8 +5,8 @@ from plant_sim.node.plant_node import RIG as PLANT
 
 RIG = Rig(
     plant=PLANT,
-    measures_at="clutch_hil.bench.measures:MEASURES",
-    sheet_at="clutch_hil.bench.picture:make_run_sheet",
+    measures_at="clutch_hil.bench.judgement.measures:MEASURES",
+    sheet_at="clutch_hil.bench.pictures.picture:make_run_sheet",
     judge_at="clutch_hil.bench.result:judge_run",
     status_at="clutch_hil.bench.status:StatusLine",
     figures=("regime_error_nm", "rise_time_s"),

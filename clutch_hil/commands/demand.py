@@ -4,7 +4,7 @@ import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.options import BUS, JSON, ROUTER
-from clutch_hil.live.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
+from clutch_hil.live.driving.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from protocols.errors import InputError
 
 
@@ -30,7 +30,7 @@ def demand(
     json_output: bool = JSON,
 ) -> None:
     """Ask the controller for a torque, a pressure, a lock or a profile, and say whether it was reached."""
-    from clutch_hil.live.demand import Demand, lock_profile, make_pressure_profile, make_torque_profile
+    from clutch_hil.live.driving.demand import Demand, lock_profile, make_pressure_profile, make_torque_profile
     from plant_sim.profiles.profile import load_profile
 
     given = [str(value) for value in (torque, pressure, profile) if value is not None] + ["--lock"] * lock

@@ -20,7 +20,7 @@ def doctor(
     """List what a bench needs of this machine: rights, clocks, buses, network, units; and the command for what is missing."""
     import os
 
-    from clutch_hil.bench.machine import NETWORK, list_facts
+    from clutch_hil.bench.host.machine import NETWORK, list_facts
     from protocols.realtime.rights import MEASURES, LoopRequest, check_cpu, is_possible
 
     wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else check_cpu(cpu))

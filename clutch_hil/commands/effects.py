@@ -33,7 +33,7 @@ def effects(
     import shutil
     import sys
 
-    from clutch_hil.bench.effect_text import sort_effects
+    from clutch_hil.bench.effect_sheets.effect_text import sort_effects
     from plant_sim.effects import catalogue
 
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
@@ -49,7 +49,7 @@ def effects(
 
 def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
     """List all effects, in lines of `columns` characters."""
-    from clutch_hil.bench.effect_text import list_text, make_document
+    from clutch_hil.bench.effect_sheets.effect_text import list_text, make_document
 
     folders = dict.fromkeys(str(effect.path.parent) for effect in effects)
     candidates = sum(effect.candidate for effect in effects)
@@ -60,9 +60,9 @@ def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
 
 def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_output: bool) -> None:
     """Describe an effect in lines of `columns` characters, and draw it into the folder `out`."""
-    from clutch_hil.bench.demonstration import demonstrate
-    from clutch_hil.bench.effect_picture import draw_effects
-    from clutch_hil.bench.effect_text import format_sheet, make_document
+    from clutch_hil.bench.effect_sheets.demonstration import demonstrate
+    from clutch_hil.bench.effect_sheets.effect_picture import draw_effects
+    from clutch_hil.bench.effect_sheets.effect_text import format_sheet, make_document
     from clutch_hil.bench.recording import writable_folder
     from protocols.files.output_file import check_new_file, whole_file
 
@@ -100,10 +100,10 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
 
 def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:
     """Write the parts of a page that are made from the effects of this package, and its picture beside it, as a PNG."""
-    from clutch_hil.bench.demonstration import demonstrate
-    from clutch_hil.bench.effect_page import list_pictured_names, rewrite_page
-    from clutch_hil.bench.effect_picture import draw_effects
-    from clutch_hil.bench.effect_text import is_ours
+    from clutch_hil.bench.effect_sheets.demonstration import demonstrate
+    from clutch_hil.bench.effect_sheets.effect_page import list_pictured_names, rewrite_page
+    from clutch_hil.bench.effect_sheets.effect_picture import draw_effects
+    from clutch_hil.bench.effect_sheets.effect_text import is_ours
     from plant_sim.effects import catalogue
     from protocols.files.output_file import whole_file
     from protocols.input_file import read_text

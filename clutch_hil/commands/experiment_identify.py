@@ -54,7 +54,7 @@ class _OwnBench:
     """Bench that is started for each course, with the plant of a scenario; see `CourseBench`."""
 
     def __init__(self, plant: "Scenario", bus: str, lockstep: bool, blind: bool, rate: int | None, quiet: bool) -> None:
-        from clutch_hil.bench.calibration_check import CONTACT
+        from clutch_hil.bench.judgement.calibration_check import CONTACT
         from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
         from clutch_hil.discrepancy.laboratory import OwnBench
 

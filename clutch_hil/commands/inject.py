@@ -48,8 +48,8 @@ def inject(
 
     Faults of processes and of the computer are injected into the clutch-hil up of this computer.
     """
-    from clutch_hil.live.bench_faults import read_bench_fault, run_bench_fault
-    from clutch_hil.live.inject import parse_values, run_injection, show_state
+    from clutch_hil.live.tuning.bench_faults import read_bench_fault, run_bench_fault
+    from clutch_hil.live.tuning.inject import parse_values, run_injection, show_state
     from protocols.can.two_clutches import check_clutch
 
     given = {"at": at, "after": after, "until": until, "for": hold}

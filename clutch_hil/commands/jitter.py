@@ -37,12 +37,12 @@ def jitter(
     """Measure the jitter of the loop beside what the machine allows."""
     import os
 
-    from clutch_hil.bench import jitter_report
-    from clutch_hil.bench.jitter import measure, sweep
-    from clutch_hil.bench.loads import find_loads
-    from clutch_hil.bench.measurements import Setting
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import make_writable
+    from clutch_hil.bench.timing import jitter_report
+    from clutch_hil.bench.timing.jitter import measure, sweep
+    from clutch_hil.bench.timing.loads import find_loads
+    from clutch_hil.bench.timing.measurements import Setting
     from clutch_hil.command import write_summary
     from protocols.buses.bus import open_bus, resolve
     from protocols.files.output_file import check_new_files, whole_files

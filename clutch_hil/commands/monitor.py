@@ -19,6 +19,6 @@ def monitor(
     json_output: bool = JSON,
 ) -> None:
     """Watch a running bench in the terminal."""
-    from clutch_hil.live.monitor import watch
+    from clutch_hil.live.monitor.monitor import watch
 
     report(*watch(bus, router, once, seconds, json_output), json_output)

@@ -13,6 +13,6 @@ def register(app: typer.Typer) -> None:
 
 def panel(bus: str = BUS, router: str | None = ROUTER) -> None:
     """Drive the clutch from the keyboard."""
-    from clutch_hil.live.panel import drive
+    from clutch_hil.live.driving.panel import drive
 
     report({}, *drive(bus, router), as_json=False)

@@ -38,9 +38,9 @@ def record(
 
     from clutch_hil.bench.can_log import WRITERS, CanLog, CanLogResult
     from clutch_hil.bench.progress import ActivityLine
-    from clutch_hil.live.bench_recording import record as record_telemetry
     from clutch_hil.live.conversion import FORMATS
-    from clutch_hil.live.recorder import RecordingResult
+    from clutch_hil.live.recording.bench_recording import record as record_telemetry
+    from clutch_hil.live.recording.recorder import RecordingResult
     from protocols.files.output_file import check_new_file
     from protocols.realtime.stopping import Stop
 

@@ -34,6 +34,6 @@ def secure(
     json_output: bool = JSON,
 ) -> None:
     """Make the files by which a bench is reached over a network: viewers read, one operator changes, others are refused."""
-    from clutch_hil.live.lab_network import make_lab
+    from clutch_hil.live.network.lab_network import make_lab
 
     report(*make_lab(folder, host, operator, days, overwrite), json_output)

@@ -53,8 +53,8 @@ def service(
     json_output: bool = JSON,
 ) -> None:
     """Install plant, controller, recorder and view as units of systemd, remove them, or tell how they are."""
-    from clutch_hil.bench.installation import Installation
-    from clutch_hil.bench.unit_files import BenchSettings, check_settings, read_paths
+    from clutch_hil.bench.host.installation import Installation
+    from clutch_hil.bench.host.unit_files import BenchSettings, check_settings, read_paths
 
     given = {
         "bus": bus, "rate": rate, "cpu": cpu, "bitrate": bitrate, "start": started, "later": later, "purge": purge,
@@ -93,8 +93,8 @@ def _check_action(action: str, given: dict[str, Any]) -> None:
 
 
 def _install(installation: Any, settings: Any, later: bool, overwrite: bool) -> tuple[dict[str, Any], str, str, bool]:
-    from clutch_hil.bench.installation import format_paths
-    from clutch_hil.bench.unit_files import find_program, make_files, make_links
+    from clutch_hil.bench.host.installation import format_paths
+    from clutch_hil.bench.host.unit_files import find_program, make_files, make_links
 
     program = find_program()
     links = make_links(settings)
@@ -113,7 +113,7 @@ def _install(installation: Any, settings: Any, later: bool, overwrite: bool) -> 
 
 
 def _uninstall(installation: Any, purge: bool) -> tuple[dict[str, Any], str, str, bool]:
-    from clutch_hil.bench.installation import describe_left, format_paths
+    from clutch_hil.bench.host.installation import describe_left, format_paths
 
     removed, left = installation.uninstall(purge)
     lines: Sequence[str] = ["removed:", *format_paths(removed, installation.root)]
@@ -130,8 +130,8 @@ def _uninstall(installation: Any, purge: bool) -> tuple[dict[str, Any], str, str
 
 
 def _tell_status(installation: Any) -> tuple[dict[str, Any], str, str, bool]:
-    from clutch_hil.bench.installation import describe_left
-    from clutch_hil.bench.unit_state import list_units, read_states
+    from clutch_hil.bench.host.installation import describe_left
+    from clutch_hil.bench.host.unit_state import list_units, read_states
 
     names = list_units(installation.root)
     if not names:

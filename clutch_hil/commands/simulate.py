@@ -65,7 +65,7 @@ def simulate(
     from clutch_hil.bench.settings import select_settings
     from clutch_hil.bench.simulate import Simulation
     from clutch_hil.bench.suite import run_one, run_suite
-    from clutch_hil.bench.sweep import sweep_to_csv
+    from clutch_hil.bench.sweeps.sweep import sweep_to_csv
 
     plant_parameters, controller_parameters = take_calibration(calibration, plant_parameters, controller_parameters)
     if every and names:

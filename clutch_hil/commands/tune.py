@@ -39,8 +39,8 @@ def tune(
     json_output: bool = JSON,
 ) -> None:
     """List, show and set the parameters of the running services; load a calibration into them."""
-    from clutch_hil.live.calibration_load import load_calibration
-    from clutch_hil.live.tune import run_tune
+    from clutch_hil.live.tuning.calibration_load import load_calibration
+    from clutch_hil.live.tuning.tune import run_tune
 
     if calibration:
         if names:

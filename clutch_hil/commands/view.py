@@ -47,8 +47,8 @@ def view(
 ) -> None:
     """Show a running bench, or recorded runs, in rerun's viewer."""
     os.environ.setdefault("RUST_LOG", "off")  # we count and report errors of rerun
-    from clutch_hil.live.rrd_writer import check_rrd
-    from clutch_hil.live.viewer import Viewer, WebViewer
+    from clutch_hil.live.viewer.rrd_writer import check_rrd
+    from clutch_hil.live.viewer.viewer import Viewer, WebViewer
     from protocols.files.stretch import Stretch
 
     if seconds is not None and not seconds > 0.0:
@@ -88,7 +88,7 @@ def view(
         replayed = Replay(runs, stretch).run(viewer, save, seconds, say)
         report(replayed.document, replayed.text, replayed.verdict, replayed.good, json_output)
     else:
-        from clutch_hil.live.view import LiveView
+        from clutch_hil.live.viewer.view import LiveView
 
         watched = LiveView(bus, router, seconds).run(viewer, save, say)
         report(watched.document, watched.text, watched.verdict, watched.good, json_output)

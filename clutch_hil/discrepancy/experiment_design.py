@@ -23,8 +23,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from clutch_hil.bench.calibration_check import CONTACT
 from clutch_hil.bench.experiments import EXPERIMENTS
+from clutch_hil.bench.judgement.calibration_check import CONTACT
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
 from clutch_hil.fitting.model import Columns, Model, Values, find_calibration

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from clutch_hil.bench.calibration_check import EXPECTED
 from clutch_hil.bench.experiments import Course
+from clutch_hil.bench.judgement.calibration_check import EXPECTED
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.identification_design import design_experiment
@@ -19,7 +19,7 @@ from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, writ
 from clutch_hil.identify.goals import Progress, Standing
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.stepwise import estimate_valve_gain, take_samples
-from clutch_hil.live.tune import request_parameters, set_parameters
+from clutch_hil.live.tuning.tune import request_parameters, set_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
 from protocols.errors import InputError, InterruptionError

@@ -7,8 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
-from clutch_hil.bench.calibration_check import CONTACT
 from clutch_hil.bench.in_memory import Values, compose_scenario
+from clutch_hil.bench.judgement.calibration_check import CONTACT
 from clutch_hil.bench.recording import make_writable, reserve_run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.run_file import read_run
@@ -21,7 +21,7 @@ from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
 from clutch_hil.discrepancy.follow_up import read_proposal
 from clutch_hil.discrepancy.models.wet_clutch_experiments import find
 from clutch_hil.live.live_bench import LiveBench
-from clutch_hil.live.tune import request_parameters
+from clutch_hil.live.tuning.tune import request_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
 from protocols.errors import InputError, InterruptionError
@@ -109,8 +109,8 @@ class RunningBench:
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`."""
-        from clutch_hil.live.bench_recording import record
-        from clutch_hil.live.demand import Demand
+        from clutch_hil.live.driving.demand import Demand
+        from clutch_hil.live.recording.bench_recording import record
 
         profile = experiment.load()
         path = reserve_run_path(make_writable(self.out), "blind" if self.blind else experiment.name)

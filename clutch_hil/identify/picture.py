@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from clutch_hil.bench.palette import DEMAND, MEASURED, TRUE
+from clutch_hil.bench.pictures.palette import DEMAND, MEASURED, TRUE
 from clutch_hil.identify.identification import Identification
 from clutch_hil.page.figures import name_file
 from protocols.files.output_file import whole_file

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from clutch_hil.bench.palette import DEMAND, ESTIMATE, MEASURED, TRUE
+from clutch_hil.bench.pictures.palette import DEMAND, ESTIMATE, MEASURED, TRUE
 from clutch_hil.identify.frequency_response import HALF_POWER, LoopResponse
 from clutch_hil.identify.thesis_quantities import Propagation, compute_maps, list_pressures
 from clutch_hil.page.figures import name_file

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from clutch_hil.bench.palette import CYCLE, DEMAND, LIMIT, MEASURED, TRUE
+from clutch_hil.bench.pictures.palette import CYCLE, DEMAND, LIMIT, MEASURED, TRUE
 from clutch_hil.identify.calibration import Identified
 from clutch_hil.identify.identification import Identification
 from clutch_hil.page.figures import compute_envelope, page_figure, render_png

@@ -18,12 +18,12 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import MANUAL, select_settings
 from clutch_hil.bench.up import POLL, Bench
-from clutch_hil.live.catalogue import parse_assignments
-from clutch_hil.live.demand import lock_profile, make_pressure_profile, make_torque_profile
-from clutch_hil.live.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
-from clutch_hil.live.driver import Driver
-from clutch_hil.live.inject import inject, list_injection_values
-from clutch_hil.live.tune import change_parameters, list_parameters
+from clutch_hil.live.driving.demand import lock_profile, make_pressure_profile, make_torque_profile
+from clutch_hil.live.driving.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
+from clutch_hil.live.driving.driver import Driver
+from clutch_hil.live.tuning.catalogue import parse_assignments
+from clutch_hil.live.tuning.inject import inject, list_injection_values
+from clutch_hil.live.tuning.tune import change_parameters, list_parameters
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.run import Run

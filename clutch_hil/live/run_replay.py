@@ -11,13 +11,13 @@ import numpy as np
 
 from clutch_hil.bench.direction import find_symmetric_reach
 from clutch_hil.bench.run_file import COLUMNS_OF_ANY_RIG, read_run
-from clutch_hil.live.blueprint import build_blueprint
-from clutch_hil.live.dashboard import SLIP
-from clutch_hil.live.rrd_writer import RrdWriter
-from clutch_hil.live.screen import Screen
-from clutch_hil.live.stream import make_recording
-from clutch_hil.live.view import Watch
-from clutch_hil.live.viewer import Say, Viewer
+from clutch_hil.live.viewer.blueprint import build_blueprint
+from clutch_hil.live.viewer.dashboard import SLIP
+from clutch_hil.live.viewer.rrd_writer import RrdWriter
+from clutch_hil.live.viewer.screen import Screen
+from clutch_hil.live.viewer.stream import make_recording
+from clutch_hil.live.viewer.view import Watch
+from clutch_hil.live.viewer.viewer import Say, Viewer
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError, join_names
 from protocols.files.run import Run
@@ -48,7 +48,7 @@ def load_batches(path: Path, stretch: Stretch = WHOLE) -> list[Batch]:
                 f"run {path} is a saved view, which can only be shown completely; a part can be taken from"
                 f" {join_names(SUFFIXES)}"
             )
-        from clutch_hil.live.rrd_reader import read_rrd
+        from clutch_hil.live.viewer.rrd_reader import read_rrd
 
         tables = read_rrd(path)
         if any("/" in node for node in tables):

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from clutch_hil.bench.unit_files import UNITS, name_unit
+from clutch_hil.bench.host.unit_files import UNITS, name_unit
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.frames import load_frames
 from protocols.can.request import Request

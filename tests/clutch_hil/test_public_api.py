@@ -21,8 +21,8 @@ import pytest
 from typer.testing import CliRunner
 
 import clutch_hil as ch
-from clutch_hil.bench import executors
-from clutch_hil.bench.executors import compute
+from clutch_hil.bench.sweeps import executors
+from clutch_hil.bench.sweeps.executors import compute
 from clutch_hil.command import make_application
 from tests.processes import PATIENCE
 

@@ -15,7 +15,7 @@ from protocols.can.claim import make_claim_session
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
 from rt_controller.law.phases import Fault
-from tests.clutch_hil.bench.interference import (
+from tests.clutch_hil.bench.timing.interference import (
     controller_node,
     make_interference,
     play_restart,

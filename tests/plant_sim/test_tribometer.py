@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from clutch_hil.thesis.tribometer_identification import make_contact as dry_contact
+from clutch_hil.thesis.tribometer.tribometer_identification import make_contact as dry_contact
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.counter_surface import FlatSurface

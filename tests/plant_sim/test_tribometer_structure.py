@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clutch_hil.thesis.tribometer_identification import stiffness as dry_stiffness
+from clutch_hil.thesis.tribometer.tribometer_identification import stiffness as dry_stiffness
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.rigs.tribometer import Tribometer, load_nominal, make_chains
 from plant_sim.rigs.tribometer_structure import Chain, compute_response

@@ -21,7 +21,10 @@ from protocols.moved_modules import describe_moves, find_new_place
         ("plant_sim.discrepancy.decide", "clutch_hil.discrepancy.decision"),
         ("plant_sim.discrepancy.models.slide", "clutch_hil.discrepancy.models.sliding_contact"),
         ("clutch_hil.discrepancy.inquiry", "clutch_hil.discrepancy.selection"),
-        ("clutch_hil.live.rrd", "clutch_hil.live.rrd_reader"),
+        ("clutch_hil.live.rrd", "clutch_hil.live.viewer.rrd_reader"),
+        ("clutch_hil.live.tune", "clutch_hil.live.tuning.tune"),  # commands/tune.py has the same file name
+        ("plant_sim.bench.measures", "clutch_hil.bench.judgement.measures"),
+        ("plant_sim.palette", "clutch_hil.bench.pictures.palette"),
         ("plant_sim.scenario", "clutch_hil.bench.scenario"),
         ("plant_sim.profile", "plant_sim.profiles.profile"),
         ("plant_sim.effects.friction_lag", "plant_sim.effects.friction.friction_lag"),

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from clutch_hil.bench.machine import list_facts
+from clutch_hil.bench.host.machine import list_facts
 from protocols.realtime.rights import MEASURES, LoopRequest, Measure, is_possible, prepare, relax
 
 _PR_GET_TIMERSLACK = 30  # linux/prctl.h

@@ -3,7 +3,7 @@
 For one clutch of the power-shift rig, and for a rig whose motor has an unknown demand.
 
 Equation        `plant_sim.rigs.shaft_clutch_run`. The measured slip contains the effect of the shafts and of the motor
-Assumptions     as in `wet_clutch`; the error of the measured slip is so small that it changes no torque (docs/identify_method.md)
+Assumptions     as in `wet_clutch`. The error of the measured slip changes no torque (docs/identify_method.md)
 Not modelled    sticking plates. So rows with a slip near 0 in contact give no information on the torque, see `find_unseen`.
                 Effects of drive and motor (hook DRIVE)
 """

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from clutch_hil.bench.excitation import QUANTITIES
+from clutch_hil.bench.effect_sheets.excitation import QUANTITIES
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.fitting.model import Columns, Values
 from plant_sim.node.plant_node import convert_initial_temperature

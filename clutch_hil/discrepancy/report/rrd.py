@@ -8,13 +8,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from clutch_hil.bench import palette
+from clutch_hil.bench.pictures import palette
 from clutch_hil.discrepancy.report.residuals import Residuals, list_times
 from clutch_hil.discrepancy.report.wording import format_regime, make_verdict_sentence
 from clutch_hil.discrepancy.result import Trace
-from clutch_hil.live.canvas import make_scalar_columns
-from clutch_hil.live.rrd_writer import check_space
-from clutch_hil.live.stream import make_recording
+from clutch_hil.live.viewer.canvas import make_scalar_columns
+from clutch_hil.live.viewer.rrd_writer import check_space
+from clutch_hil.live.viewer.stream import make_recording
 from clutch_hil.page.wording import format_axis_label, format_column, format_number, format_unit
 from protocols.errors import InputError
 from protocols.files.output_file import whole_file

@@ -181,7 +181,7 @@ def draw_lift_up(result: LiftUpResult, records: Sequence[LiftRecord], shown: Seq
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from clutch_hil.bench import palette
+    from clutch_hil.bench.pictures import palette
 
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     FigureCanvasAgg(figure)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench import palette
+from clutch_hil.bench.pictures import palette
 from clutch_hil.identify.friction.motion_model import MotionModel, select_judged
 from clutch_hil.identify.friction.result import IdentifiedFriction
 from clutch_hil.identify.friction.slide_record import SlideRecord

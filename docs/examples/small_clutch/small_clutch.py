@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.bench.measures import MEASURES as OF_ONE_CLUTCH
-from clutch_hil.bench.measures import Columns, Measure
+from clutch_hil.bench.judgement.measures import MEASURES as OF_ONE_CLUTCH
+from clutch_hil.bench.judgement.measures import Columns, Measure
 from clutch_hil.bench.rig import Rig
 from plant_sim.effects.table import list_active_effects
 from plant_sim.node.plant_node import PlantNode
@@ -46,7 +46,7 @@ PLANT = PlantRig(
 RIG = Rig(
     plant=PLANT,
     measures_at="small_clutch:MEASURES",
-    sheet_at="clutch_hil.bench.picture:make_run_sheet",
+    sheet_at="clutch_hil.bench.pictures.picture:make_run_sheet",
     judge_at="clutch_hil.bench.result:judge_run",
     status_at="clutch_hil.bench.status:StatusLine",
     figures=("regime_error_nm", "peak_power_w"),

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clutch_hil.bench.following import judge_following
 from clutch_hil.bench.in_process import Played, play
+from clutch_hil.bench.judgement.following import judge_following
 from plant_sim.node.injection import Injection, switch_on
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
@@ -17,7 +17,7 @@ from protocols.can.reception import INTRUSION, INTRUSION_PERIODS, WRONG_RATES
 from protocols.errors import InputError
 from rt_controller.law.phases import Fault
 from rt_controller.loop.cycle_record import RECORD
-from tests.clutch_hil.bench.interference import (
+from tests.clutch_hil.bench.timing.interference import (
     controller_node,
     make_interference,
     play_restart,

@@ -3,9 +3,9 @@
 import pytest
 
 from clutch_hil.bench.columns_page import PAGE, compose_page
-from clutch_hil.live import curves
-from clutch_hil.live.dashboard import PLOTS
-from clutch_hil.live.snapshot import QUANTITIES
+from clutch_hil.live.monitor.snapshot import QUANTITIES
+from clutch_hil.live.viewer import curves
+from clutch_hil.live.viewer.dashboard import PLOTS
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from protocols.can.frames import load_frames

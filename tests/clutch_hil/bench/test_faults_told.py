@@ -9,9 +9,9 @@ import pytest
 
 import clutch_hil as ch
 from clutch_hil.bench.in_process import play
-from clutch_hil.live.collector import Collector
-from clutch_hil.live.demand import make_pressure_profile, make_torque_profile
-from clutch_hil.live.recorder import Recorder
+from clutch_hil.live.driving.demand import make_pressure_profile, make_torque_profile
+from clutch_hil.live.monitor.collector import Collector
+from clutch_hil.live.recording.recorder import Recorder
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from protocols.buses.bus import open_bus

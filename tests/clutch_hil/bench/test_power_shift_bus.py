@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutch_hil.bench.power_shift_measures import MEASURES, find_handover
+from clutch_hil.bench.judgement.power_shift_measures import MEASURES, find_handover
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
-from clutch_hil.live.collector import Collector
+from clutch_hil.live.monitor.collector import Collector
 from plant_sim.node.injection import Injection
 from plant_sim.node.plant_cycle import Actuators
 from plant_sim.node.power_shift_node import COLUMNS, PowerShiftNode

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from clutch_hil.bench.judgement.measures import MEASURES
 from clutch_hil.bench.limits import Judgement, judge_limits
-from clutch_hil.bench.measures import MEASURES
 from clutch_hil.bench.rig import find_rig, list_rigs
 from clutch_hil.bench.scenario import Scenario, find_shipped_scenarios, load_scenario
 from clutch_hil.bench.simulate import Simulation

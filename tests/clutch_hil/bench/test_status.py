@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.status import StatusLine
-from clutch_hil.live.demand import _StatusLine
-from clutch_hil.live.supervisor import Answer
+from clutch_hil.live.driving.demand import _StatusLine
+from clutch_hil.live.driving.supervisor import Answer
 from plant_sim.profiles.profile import Setpoint
 from protocols.can.request import Request
 from protocols.node import Column

@@ -129,7 +129,7 @@ BROKEN_IN_USE = {
     "no parameters": ("load_overlay(changed, small) if changed else small", "None", "nominal returns None; a ParameterSet"),
     "profile": ("load_profile=load_profile", "load_profile=lambda name, seconds: 5", "load_profile returns 5, whose duration"),
     "profile raises": ("load_profile=load_profile", "load_profile=lambda name: 5", "load_profile raises TypeError: "),
-    "sheet": ("picture:make_run_sheet", "picture:nope", "rig broken: clutch_hil.bench.picture:nope cannot be loaded"),
+    "sheet": ("picture:make_run_sheet", "picture:nope", "rig broken: clutch_hil.bench.pictures.picture:nope cannot be loaded"),
     "judge": ("result:judge_run", "result:nope", "rig broken: clutch_hil.bench.result:nope cannot be loaded"),
 }  # fmt: skip
 

@@ -20,17 +20,18 @@ from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.command import make_application
 from clutch_hil.discrepancy.models.named import find_model
-from clutch_hil.live import recorder, tune
-from clutch_hil.live.blueprint import build_blueprint
-from clutch_hil.live.collector import Collector
 from clutch_hil.live.conversion import convert
-from clutch_hil.live.dashboard import list_places
-from clutch_hil.live.monitor_screen import draw_snapshot, format_snapshot
-from clutch_hil.live.recorder import Recorder
-from clutch_hil.live.rrd_reader import read_rrd
+from clutch_hil.live.monitor.collector import Collector
+from clutch_hil.live.monitor.monitor_screen import draw_snapshot, format_snapshot
+from clutch_hil.live.monitor.snapshot import make_document
+from clutch_hil.live.recording import recorder
+from clutch_hil.live.recording.recorder import Recorder
 from clutch_hil.live.run_replay import run_batches
-from clutch_hil.live.screen import Screen
-from clutch_hil.live.snapshot import make_document
+from clutch_hil.live.tuning import tune
+from clutch_hil.live.viewer.blueprint import build_blueprint
+from clutch_hil.live.viewer.dashboard import list_places
+from clutch_hil.live.viewer.rrd_reader import read_rrd
+from clutch_hil.live.viewer.screen import Screen
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.run import Run

@@ -169,7 +169,7 @@ def test_a_full_disk_leaves_no_new_folder(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("pyarrow.parquet.ParquetWriter.__init__", fail)
-    monkeypatch.setattr("clutch_hil.bench.effect_picture.draw_effects", fail)
+    monkeypatch.setattr("clutch_hil.bench.effect_sheets.effect_picture.draw_effects", fail)
     bus = ("--bus", local_bus) if words.startswith("up") else ()
     arguments = [*words.split(), *bus, "--out", str(tmp_path / "above" / "new")]
     refused = CliRunner().invoke(make_application(), arguments).exception

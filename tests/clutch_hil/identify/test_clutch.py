@@ -15,7 +15,7 @@ import clutch_hil as ch
 from benchmarks.identification import compute_maps_error, draw, list_true_values, list_values, play, split_effects
 from benchmarks.identified_loop import NO_FAULT, WORSE, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
-from clutch_hil.bench.calibration_check import describe_mismatch
+from clutch_hil.bench.judgement.calibration_check import describe_mismatch
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.misfit import warn_misfit
 from clutch_hil.identify.picture import format_table

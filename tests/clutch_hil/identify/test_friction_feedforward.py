@@ -8,7 +8,7 @@ import pytest
 from clutch_hil.discrepancy.models.position_axis import to_columns
 from clutch_hil.identify.friction.identification import identify_friction
 from clutch_hil.identify.friction.result import read_friction
-from clutch_hil.thesis.friction_compensation import SETTLING_TIME, TASKS
+from clutch_hil.thesis.control_models.friction_compensation import SETTLING_TIME, TASKS
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs.position_axis import PositionAxis

@@ -16,7 +16,7 @@ from clutch_hil.discrepancy.identification_set import MISMATCH, ORDER, UNCALIBRA
 from clutch_hil.discrepancy.laboratory import plant_under_test
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.goals import GOALS, Progress, Standing, stand
-from clutch_hil.live.tune import request_parameters
+from clutch_hil.live.tuning.tune import request_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError, InterruptionError
 from protocols.realtime.child import list_command

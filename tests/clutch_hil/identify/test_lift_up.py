@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord, identify_lift_up
-from clutch_hil.thesis.appendix_e import LOAD, MODEL, RADIUS
+from clutch_hil.thesis.appendices.appendix_e import LOAD, MODEL, RADIUS
 from plant_sim.friction.lift_up import LiftUp
 from plant_sim.rigs.tribometer import load_nominal, mean_radius
 from plant_sim.rigs.tribometer_contacts import Contacts, load_contacts

@@ -9,8 +9,8 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.node import load_node
 from protocols.telemetry.batch import Batch
-from tests.clutch_hil.live.screen_recording import Logged, simulate_nodes
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
+from tests.clutch_hil.live.viewer.screen_recording import Logged, simulate_nodes
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.in_process import Played
-from clutch_hil.live import recorder
-from clutch_hil.live.recorder import Recorder, RecordingResult
+from clutch_hil.live.recording import recorder
+from clutch_hil.live.recording.recorder import Recorder, RecordingResult
 from protocols.node import Column
 from protocols.telemetry.batch import Batch, list_run_columns
 

@@ -10,7 +10,7 @@ import pytest
 
 import clutch_hil as ch
 from clutch_hil.live import live_bench
-from clutch_hil.live.supervisor import Supervisor
+from clutch_hil.live.driving.supervisor import Supervisor
 from protocols.files.run import Run
 from tests.clutch_hil.live.running import RATE
 

@@ -8,13 +8,13 @@ import pytest
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
-from clutch_hil.live.rrd_reader import read_rrd
 from clutch_hil.live.run_replay import export_rrd, run_batches
-from clutch_hil.live.screen import Screen
+from clutch_hil.live.viewer.rrd_reader import read_rrd
+from clutch_hil.live.viewer.screen import Screen
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import read_run
-from tests.clutch_hil.live.viewing import (
+from tests.clutch_hil.live.viewer.viewing import (
     View,
     connect_to_viewer,
     count_colours,

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutch_hil.thesis import clutch_lag, table_6_6
-from clutch_hil.thesis.clutch_experiments import SLOW_RATE, list_cooling_changes, load_nominal, run_experiment
-from clutch_hil.thesis.clutch_fit import TOLERANCE
-from clutch_hil.thesis.clutch_lag import ATTRACTION, LARGEST_ERROR, run_online_estimate
-from clutch_hil.thesis.clutch_response import THESIS_BANDWIDTH, Response, measure_response
+from clutch_hil.thesis.clutch import clutch_lag, table_6_6
+from clutch_hil.thesis.clutch.clutch_experiments import SLOW_RATE, list_cooling_changes, load_nominal, run_experiment
+from clutch_hil.thesis.clutch.clutch_fit import TOLERANCE
+from clutch_hil.thesis.clutch.clutch_lag import ATTRACTION, LARGEST_ERROR, run_online_estimate
+from clutch_hil.thesis.clutch.clutch_response import THESIS_BANDWIDTH, Response, measure_response
 from protocols.errors import InputError
 
 ROOT = Path(__file__).parents[3]

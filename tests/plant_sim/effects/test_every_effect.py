@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from clutch_hil.bench.demonstration import demonstrate
-from clutch_hil.bench.effect_text import split_sections
+from clutch_hil.bench.effect_sheets.demonstration import demonstrate
+from clutch_hil.bench.effect_sheets.effect_text import split_sections
 from plant_sim.effects.catalogue import load_effects
 from plant_sim.effects.effect import SECTIONS, Effect
 from plant_sim.rigs import wet_clutch

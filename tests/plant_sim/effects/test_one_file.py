@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clutch_hil.bench.effect_page import list_published_names, names, rewrite_page
-from clutch_hil.bench.effect_text import is_ours, sort_effects
+from clutch_hil.bench.effect_sheets.effect_page import list_published_names, names, rewrite_page
+from clutch_hil.bench.effect_sheets.effect_text import is_ours, sort_effects
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.effects.catalogue import VARIABLE, load_effects
 from plant_sim.effects.effect import Effect

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clutch_hil.bench.effect_text import split_sections
+from clutch_hil.bench.effect_sheets.effect_text import split_sections
 from plant_sim.effects.catalogue import VARIABLE, load_effects
 from plant_sim.effects.effect import SECTIONS
 from plant_sim.rigs import wet_clutch

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from clutch_hil.thesis import cross_level as entry
-from clutch_hil.thesis.cross_level import LOAD, SPEEDS, compute_nrmse
+from clutch_hil.thesis.control_models import cross_level as entry
+from clutch_hil.thesis.control_models.cross_level import LOAD, SPEEDS, compute_nrmse
 
 
 @pytest.fixture(scope="module")

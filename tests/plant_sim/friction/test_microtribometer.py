@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.thesis import microtribometer as entry
+from clutch_hil.thesis.control_models import microtribometer as entry
 from clutch_hil.thesis.measured_data import VARIABLE, MissingDataError, find_measured_file
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.xgms import XGMS

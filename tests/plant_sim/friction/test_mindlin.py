@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.thesis.asperity_stiffness import make_mindlin_sphere
+from clutch_hil.thesis.asperities.asperity_stiffness import make_mindlin_sphere
 from plant_sim.friction.mindlin import Material, SphereOnFlat, stiffness_ratio
 from protocols.errors import InputError
 

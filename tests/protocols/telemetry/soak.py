@@ -12,8 +12,8 @@ import time
 
 import numpy as np
 
-from clutch_hil.bench.stalls import StallWatch
-from clutch_hil.bench.witness import WITNESS_PRIORITY
+from clutch_hil.bench.timing.stalls import StallWatch
+from clutch_hil.bench.timing.witness import WITNESS_PRIORITY
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES
 from protocols.telemetry.session import open_consumer_session

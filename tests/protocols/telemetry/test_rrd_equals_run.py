@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.live.rrd_reader import read_rrd
+from clutch_hil.live.viewer.rrd_reader import read_rrd
 from protocols.files.runs import read_run
 from protocols.realtime.child import list_command
 from protocols.telemetry.session import open_consumer_session

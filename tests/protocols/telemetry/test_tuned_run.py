@@ -9,7 +9,7 @@ import numpy as np
 import psutil
 import pytest
 
-from clutch_hil.live.tune import request_parameters, set_parameters
+from clutch_hil.live.tuning.tune import request_parameters, set_parameters
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime.child import list_command

@@ -1,0 +1,1 @@
+"""The effects shown to people: demonstrations as text, pictures and a page."""

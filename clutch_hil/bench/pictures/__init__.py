@@ -1,0 +1,1 @@
+"""Pictures of runs, and the colours of everything that is drawn."""

@@ -1,0 +1,1 @@
+"""Many runs: samples of parameters, executors and tables of results."""

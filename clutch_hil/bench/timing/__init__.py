@@ -1,0 +1,1 @@
+"""How punctual the loop is on this machine: measurement, phases, report."""

@@ -1,0 +1,1 @@
+"""Demands to a controller over the bus: commands, keyboard and programs."""

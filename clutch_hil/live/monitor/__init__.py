@@ -1,0 +1,1 @@
+"""What the monitor shows of a running bench in a terminal."""

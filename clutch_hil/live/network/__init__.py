@@ -1,0 +1,1 @@
+"""The network of a lab: certificates and files of each role."""

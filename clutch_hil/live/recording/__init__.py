@@ -1,0 +1,1 @@
+"""Recorders of a running bench: its telemetry, written to run files."""

@@ -1,0 +1,1 @@
+"""What rerun's viewer shows of a running bench or of a recorded run."""

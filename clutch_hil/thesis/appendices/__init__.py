@@ -1,0 +1,1 @@
+"""Appendices C, D and E."""

@@ -1,0 +1,1 @@
+"""Chapter 2: asperities, the Generic model and the Rayleigh step."""
