@@ -23,7 +23,7 @@ from benchmarks.identified_loop import Loop, follow_torque
 from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.identify.calibration import Identified
 from clutch_hil.identify.clutch_effects import EFFECTS, estimate_line
-from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span
+from clutch_hil.identify.courses.clutch_courses import COURSES, SCALE, TORQUE_SHARE, Span
 from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run

@@ -15,7 +15,13 @@ import numpy as np
 from benchmarks.identification import REGULATOR_GAIN, Hidden, draw, list_true_values, record_course
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
-from clutch_hil.discrepancy.identification_set import Courses, Played, play_courses, play_designed, play_until_reached
+from clutch_hil.discrepancy.experiments.identification_set import (
+    Courses,
+    Played,
+    play_courses,
+    play_designed,
+    play_until_reached,
+)
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.goals import Standing
 from clutch_hil.identify.identification import identify_clutch

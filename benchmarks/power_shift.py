@@ -2,7 +2,7 @@
 
 The truth is benchmarks/shift_truth.py, which shares no code with the plant or the fit. Clutch a, clutch b, motor, vehicle and
 road vary by +-30 % (benchmarks/identification.py has the parameters of a clutch), the grade by 0.02. Each rig plays the courses
-of clutch_hil/identify/shift_courses.py, with the noise of docs/rig.md: first the slow staircase of both clutches. With
+of clutch_hil/identify/courses/shift_courses.py, with the noise of docs/rig.md: first the slow staircase of both clutches. With
 `--hidden` each clutch has offsets of its pressure and torque sensors, drag and a delay of its valve as well.
 """
 
@@ -21,9 +21,9 @@ from benchmarks.battery.truth_simulation import PERIOD
 from benchmarks.identification import SPREAD, Hidden, compute_maps_error, draw, list_true_values
 from benchmarks.shift_truth import make_road_record, simulate
 from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE
-from clutch_hil.identify.courses import TORQUE_SHARE, Span
-from clutch_hil.identify.power_shift import ShiftIdentification, estimate_clutch_line, identify_power_shift
-from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans
+from clutch_hil.identify.courses.clutch_courses import TORQUE_SHARE, Span
+from clutch_hil.identify.courses.shift_courses import COURSES, SCALE, ShiftCourse, Spans
+from clutch_hil.identify.two_clutches.power_shift import ShiftIdentification, estimate_clutch_line, identify_power_shift
 from plant_sim.rigs import power_shift, wet_clutch
 from protocols.files.run import Run
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from clutch_hil.bench.run_file import read_run
     from clutch_hil.bench.sweeps.sampling import grid, latin_hypercube, random
     from clutch_hil.bench.sweeps.study import sweep
-    from clutch_hil.discrepancy.laboratory import play_experiment
+    from clutch_hil.discrepancy.experiments.laboratory import play_experiment
     from clutch_hil.discrepancy.outcome import Discrepancy, find_discrepancy
     from clutch_hil.identify.friction.identification import identify_friction
     from clutch_hil.identify.friction.result import IdentifiedFriction, read_friction
@@ -74,7 +74,7 @@ _PLACES = {
     "clutch_hil.bench.run_file": ("read_run",),
     "clutch_hil.bench.sweeps.sampling": ("grid", "latin_hypercube", "random"),
     "clutch_hil.bench.sweeps.study": ("sweep",),
-    "clutch_hil.discrepancy.laboratory": ("play_experiment",),
+    "clutch_hil.discrepancy.experiments.laboratory": ("play_experiment",),
     "clutch_hil.discrepancy.outcome": ("Discrepancy", "find_discrepancy"),
     "clutch_hil.identify.friction.identification": ("identify_friction",),
     "clutch_hil.identify.friction.result": ("IdentifiedFriction", "read_friction"),

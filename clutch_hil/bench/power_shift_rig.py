@@ -12,5 +12,5 @@ RIG = Rig(
     figures=("torque_gap", "shift_time_s"),
     missed="handed no torque over",
     clutch_model_at="clutch_hil.discrepancy.models.shaft_clutch:ShaftClutch",
-    identify_at="clutch_hil.identify.power_shift:identify_power_shift",
+    identify_at="clutch_hil.identify.two_clutches.power_shift:identify_power_shift",
 )

@@ -26,8 +26,8 @@ _IDENTIFY = "identify"  # name of the set that identifies a clutch
 if TYPE_CHECKING:
     from clutch_hil.bench.scenario import Scenario
     from clutch_hil.discrepancy.experiment_design import Experiment
-    from clutch_hil.discrepancy.follow_up import Report
-    from clutch_hil.discrepancy.laboratory import Laboratory
+    from clutch_hil.discrepancy.experiments.follow_up import Report
+    from clutch_hil.discrepancy.experiments.laboratory import Laboratory
 
 NAMES = typer.Argument(
     None,
@@ -154,7 +154,7 @@ class _Bench:
 
     def open_plant(self) -> "AbstractContextManager[Scenario]":
         """Return the plant under test, see `plant_under_test`."""
-        from clutch_hil.discrepancy.laboratory import plant_under_test
+        from clutch_hil.discrepancy.experiments.laboratory import plant_under_test
 
         return plant_under_test(
             self.scenario, self.plant_parameters, self.draw, self.seed, self.out, self.controller_parameters
@@ -163,7 +163,7 @@ class _Bench:
     @contextmanager
     def open_laboratory(self) -> "Iterator[Laboratory]":
         """Yield the laboratory that plays single experiments. Raises InputError."""
-        from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench
+        from clutch_hil.discrepancy.experiments.laboratory import OwnBench, RunningBench
 
         if self.running:
             yield RunningBench(self.bus, self.out, self.blind)
@@ -220,7 +220,7 @@ def _choose_experiments(names: Sequence[str], holdout: Sequence[str]) -> "tuple[
 
 def _play_proposed(bench: _Bench, for_report: Path) -> None:
     """Play the experiment that a report proposes, and search again with it. Raises InputError."""
-    from clutch_hil.discrepancy.follow_up import Report
+    from clutch_hil.discrepancy.experiments.follow_up import Report
     from clutch_hil.discrepancy.outcome import FILES
     from protocols.files.output_file import check_new_files
 
@@ -281,7 +281,7 @@ def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", qui
 def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
     """Decide again with `run`, and report."""
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.discrepancy.follow_up import decide_again
+    from clutch_hil.discrepancy.experiments.follow_up import decide_again
 
     with progress_bar("decide again", json_output) as progress:
         decision, files = decide_again(before, run, out, progress, shlex.join(["clutch-hil", *sys.argv[1:]]))

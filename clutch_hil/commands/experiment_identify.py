@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from clutch_hil.bench.scenario import Scenario
     from clutch_hil.bench.settings import RunSettings
     from clutch_hil.discrepancy.experiment_design import Experiment
-    from clutch_hil.discrepancy.identification_set import BorrowedController, CourseBench, Courses
+    from clutch_hil.discrepancy.experiments.identification_set import BorrowedController, CourseBench, Courses
     from clutch_hil.fitting.model import Values
 
 _MARGIN = 1.0  # s between the last row of the previous course that telemetry keeps and the next course
@@ -25,7 +25,7 @@ _MARGIN = 1.0  # s between the last row of the previous course that telemetry ke
 
 def run_identify(courses: "Courses", everything: bool, design: bool, out: Path, json_output: bool) -> None:
     """Play `courses` and report the runs, the reached goals, and the next command."""
-    from clutch_hil.discrepancy.identification_set import play_until_reached
+    from clutch_hil.discrepancy.experiments.identification_set import play_until_reached
     from protocols.errors import format_count
 
     played = play_until_reached(courses, everything, _make_printer(json_output))
@@ -55,8 +55,8 @@ class _OwnBench:
 
     def __init__(self, plant: "Scenario", bus: str, lockstep: bool, blind: bool, rate: int | None, quiet: bool) -> None:
         from clutch_hil.bench.judgement.calibration_check import CONTACT
-        from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
-        from clutch_hil.discrepancy.laboratory import OwnBench
+        from clutch_hil.discrepancy.experiments.identification_set import MISMATCH, UNCALIBRATED
+        from clutch_hil.discrepancy.experiments.laboratory import OwnBench
 
         given = plant.settings.make_controller().parameters
         plant = replace(plant, settings=_take_controller_file(plant.settings))
@@ -94,7 +94,7 @@ class _RunningBench:
     rate = 1000
 
     def __init__(self, bus: str, blind: bool, out: Path, controller: "BorrowedController", quiet: bool) -> None:
-        from clutch_hil.discrepancy.laboratory import RunningBench
+        from clutch_hil.discrepancy.experiments.laboratory import RunningBench
         from protocols.telemetry.publisher import HISTORY
 
         self._bench, self._quiet, self._history = RunningBench(bus, out, blind), quiet, HISTORY
@@ -138,9 +138,9 @@ def run_shift_set(
 ) -> None:
     """Play the set of a power-shift rig, and report the runs and the next command."""
     from clutch_hil.bench.recording import make_writable
-    from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
-    from clutch_hil.discrepancy.laboratory import OwnBench
-    from clutch_hil.discrepancy.shift_set import NAMES, list_shift_files, play_shift_courses
+    from clutch_hil.discrepancy.experiments.identification_set import MISMATCH, UNCALIBRATED
+    from clutch_hil.discrepancy.experiments.laboratory import OwnBench
+    from clutch_hil.discrepancy.experiments.shift_set import NAMES, list_shift_files, play_shift_courses
     from protocols.errors import format_count
     from protocols.files.output_file import check_new_files
 
@@ -166,7 +166,7 @@ def running_courses(
     bus: str, blind: bool, out: Path, overwrite: bool, design: bool, quiet: bool
 ) -> Iterator["Courses"]:
     """Yield courses on the bench that already runs. The parameters of its controller are restored at the end."""
-    from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED, borrowed_controller
+    from clutch_hil.discrepancy.experiments.identification_set import MISMATCH, UNCALIBRATED, borrowed_controller
 
     with borrowed_controller(bus) as controller:
         bench = _RunningBench(bus, blind, out, controller, quiet)
@@ -176,7 +176,7 @@ def running_courses(
 
 
 def _play_courses(folder: Path, bench: "CourseBench", design: bool, quiet: bool) -> "Courses":
-    from clutch_hil.discrepancy.identification_set import play_courses, play_designed
+    from clutch_hil.discrepancy.experiments.identification_set import play_courses, play_designed
     from clutch_hil.identify.identification import identify_clutch
 
     if not design:
@@ -191,7 +191,7 @@ def _make_printer(quiet: bool) -> "Callable[[str], None]":
 def _make_folder(out: Path, overwrite: bool) -> Path:
     """Return the folder if no course in it would be lost. Raises InputError."""
     from clutch_hil.bench.recording import make_writable
-    from clutch_hil.discrepancy.identification_set import list_course_files
+    from clutch_hil.discrepancy.experiments.identification_set import list_course_files
     from protocols.files.output_file import check_new_files
 
     check_new_files(out, list_course_files(), overwrite)

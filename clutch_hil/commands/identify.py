@@ -116,8 +116,8 @@ def _run_clutch(
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify import identification, thesis_quantities
-    from clutch_hil.identify.picture import format_table
-    from clutch_hil.identify.power_shift import ShiftIdentification
+    from clutch_hil.identify.report.picture import format_table
+    from clutch_hil.identify.two_clutches.power_shift import ShiftIdentification
     from protocols.files.output_file import check_new_files, whole_files
 
     held = {
@@ -164,10 +164,10 @@ def _run_clutch(
 
 def _write_files(result: "Identification", document: Mapping[str, Any], folder: Path) -> None:
     """Write calibration, report, pictures and the result `document` to a folder."""
-    from clutch_hil.identify.picture import draw_identification
-    from clutch_hil.identify.power_shift import ShiftIdentification
-    from clutch_hil.identify.quantity_pictures import draw_maps, draw_response
-    from clutch_hil.identify.report_page import compose_report
+    from clutch_hil.identify.report.picture import draw_identification
+    from clutch_hil.identify.report.quantity_pictures import draw_maps, draw_response
+    from clutch_hil.identify.report.report_page import compose_report
+    from clutch_hil.identify.two_clutches.power_shift import ShiftIdentification
 
     result.calibration.write(folder / FILES[0])
     (folder / FILES[1]).write_text(format_json(document, indent=1), encoding="utf-8")

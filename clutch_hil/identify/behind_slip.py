@@ -36,12 +36,12 @@ from clutch_hil.identify.clutch_effects import (
 )
 from clutch_hil.identify.clutch_parameters import FITTED
 from clutch_hil.identify.controller_values import derive_controller_values
-from clutch_hil.identify.logged_rows import RECORDED_SLIP
-from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
-from clutch_hil.identify.run_evidence import Evidenced
-from clutch_hil.identify.shaft_angle import differentiate_angle
+from clutch_hil.identify.recorded_runs.logged_rows import RECORDED_SLIP
+from clutch_hil.identify.recorded_runs.motor_limit import LIMIT, find_motor_limit
+from clutch_hil.identify.recorded_runs.run_evidence import Evidenced
+from clutch_hil.identify.recorded_runs.shaft_angle import differentiate_angle
+from clutch_hil.identify.recorded_runs.torque_balance import find_other_torque
 from clutch_hil.identify.thesis_quantities import Propagation
-from clutch_hil.identify.torque_balance import find_other_torque
 from protocols.errors import name_run
 from protocols.files.parameters import ParameterSet
 from protocols.node import load_node

@@ -15,7 +15,7 @@ import numpy as np
 from clutch_hil.bench.rig import find_rig
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.calibration import Calibration
-from clutch_hil.identify.courses import LEAST, MOST
+from clutch_hil.identify.courses.clutch_courses import LEAST, MOST
 from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.joint_fit import GOOD_FIT
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance, compute_maps

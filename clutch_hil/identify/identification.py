@@ -35,25 +35,26 @@ from clutch_hil.identify.clutch_parameters import (
     FITTED,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
-from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
-from clutch_hil.identify.missing_torque import (
+from clutch_hil.identify.recorded_runs.converters import find_converter_bits
+from clutch_hil.identify.recorded_runs.missing_torque import (
     CLUTCH_TORQUE,
     EFFECTS_WITHOUT_TORQUE,
     complete_torque,
     describe_missing_torque,
 )
-from clutch_hil.identify.motor_limit import LIMIT, find_limit_at_steps, find_motor_limit
-from clutch_hil.identify.other_clutch import find_other_clutch
-from clutch_hil.identify.run_evidence import (
+from clutch_hil.identify.recorded_runs.motor_limit import LIMIT, find_limit_at_steps, find_motor_limit
+from clutch_hil.identify.recorded_runs.other_clutch import find_other_clutch
+from clutch_hil.identify.recorded_runs.run_evidence import (
     Evidenced,
     find_rig_name,
     read_evidence,
     replace_spikes,
     require_columns,
 )
+from clutch_hil.identify.recorded_runs.torque_balance import find_other_torque
 from clutch_hil.identify.stick_stiffness import measure_stick
 from clutch_hil.identify.thesis_quantities import (
     Propagation,
@@ -62,7 +63,6 @@ from clutch_hil.identify.thesis_quantities import (
     compute_slope,
     find_highest_pressure,
 )
-from clutch_hil.identify.torque_balance import find_other_torque
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.repeated import find_repeated
 from protocols.errors import InputError, format_count

@@ -6,7 +6,7 @@ from typing import Any
 
 from clutch_hil.bench.rig import find_rig, list_rigs, list_rigs_with_model
 from clutch_hil.fitting.model import Columns, Completing, Demanding, Model, PartOfRig
-from clutch_hil.identify.run_evidence import check_run_columns
+from clutch_hil.identify.recorded_runs.run_evidence import check_run_columns
 from clutch_hil.recordings.not_measured import find_source, read_not_measured
 from protocols.entry_points import list_entries, load_entry
 from protocols.errors import InputError, describe_error, suggest_closest

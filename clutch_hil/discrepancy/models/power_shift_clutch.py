@@ -11,7 +11,7 @@ import re
 from dataclasses import replace
 
 from clutch_hil.discrepancy.models.shaft_clutch import CYLINDER_SPEED, ShaftClutch
-from clutch_hil.identify.clutch_columns import COLUMNS, name_column, select_clutch_columns
+from clutch_hil.identify.two_clutches.clutch_columns import COLUMNS, name_column, select_clutch_columns
 from clutch_hil.recordings.not_measured import read_not_measured
 from plant_sim.rigs import power_shift
 from protocols.can.two_clutches import CLUTCHES

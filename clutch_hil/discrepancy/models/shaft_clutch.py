@@ -19,8 +19,8 @@ from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.fitting.model import Columns, Output, Values
 from clutch_hil.identify.behind_slip import drive_by_slip
 from clutch_hil.identify.clutch_effects import SPEED
-from clutch_hil.identify.logged_rows import find_logged_rows
-from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
+from clutch_hil.identify.recorded_runs.logged_rows import find_logged_rows
+from clutch_hil.identify.recorded_runs.run_beginning import begin_as_measured, find_initial_state
 from plant_sim.effects.signals import DRIVE
 from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
 from protocols.files.parameters import ParameterSet

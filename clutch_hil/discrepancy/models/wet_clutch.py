@@ -25,11 +25,11 @@ from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSou
 from clutch_hil.fitting.noise import find_lattice
 from clutch_hil.identify.clutch_effects import SENSORS
 from clutch_hil.identify.clutch_recalibration import recalibrate_clutch
-from clutch_hil.identify.logged_rows import estimate_timing, find_logged_rows
-from clutch_hil.identify.missing_torque import complete_torques
-from clutch_hil.identify.run_beginning import begin_as_measured, find_initial_state
-from clutch_hil.identify.shaft_angle import complete_angle, integrate_slip, is_integrated
-from clutch_hil.identify.slip_lag import add_slip_lag, advance_slip, delay_slip, describe_slip_lag
+from clutch_hil.identify.recorded_runs.logged_rows import estimate_timing, find_logged_rows
+from clutch_hil.identify.recorded_runs.missing_torque import complete_torques
+from clutch_hil.identify.recorded_runs.run_beginning import begin_as_measured, find_initial_state
+from clutch_hil.identify.recorded_runs.shaft_angle import complete_angle, integrate_slip, is_integrated
+from clutch_hil.identify.recorded_runs.slip_lag import add_slip_lag, advance_slip, delay_slip, describe_slip_lag
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import load_effects as catalogue
 from plant_sim.effects.signals import DRIVE

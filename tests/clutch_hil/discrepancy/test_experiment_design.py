@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.in_process import play
-from clutch_hil.discrepancy.blind import measure_standard
 from clutch_hil.discrepancy.experiment_design import LEAST_SEPARATION, Experiment, propose
-from clutch_hil.discrepancy.follow_up import read_proposal
+from clutch_hil.discrepancy.experiments.blind import measure_standard
+from clutch_hil.discrepancy.experiments.follow_up import read_proposal
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, WetClutchBench, find
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values

@@ -11,7 +11,7 @@ from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.behind_slip import balance_motor, describe_missing_motor, drive_by_slip
 from clutch_hil.identify.clutch_effects import SPEED
 from clutch_hil.identify.identification import Identification, identify_clutch
-from clutch_hil.identify.run_evidence import Evidenced
+from clutch_hil.identify.recorded_runs.run_evidence import Evidenced
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run

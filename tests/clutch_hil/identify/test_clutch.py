@@ -18,8 +18,8 @@ from benchmarks.pressure_loop import find_bandwidth
 from clutch_hil.bench.judgement.calibration_check import describe_mismatch
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.misfit import warn_misfit
-from clutch_hil.identify.picture import format_table
-from clutch_hil.identify.report_page import compose_report, make_verdict_sentence
+from clutch_hil.identify.report.picture import format_table
+from clutch_hil.identify.report.report_page import compose_report, make_verdict_sentence
 from clutch_hil.identify.thesis_quantities import ABOVE, SPEED, compute_torque
 from clutch_hil.recordings.checks.finding import Finding
 from plant_sim.rigs import wet_clutch

@@ -10,9 +10,9 @@ import pytest
 import clutch_hil as ch
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.commands.identify import FILES
-from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
-from clutch_hil.identify.report_pictures import shorten_names
-from clutch_hil.identify.run_evidence import read_evidence
+from clutch_hil.identify.courses.clutch_courses import COURSES, HIGHEST, MOST, SCALE, Span, write_course
+from clutch_hil.identify.recorded_runs.run_evidence import read_evidence
+from clutch_hil.identify.report.report_pictures import shorten_names
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.runs import write_run
@@ -172,6 +172,6 @@ def test_files_appear_together_or_not_at_all(tmp_path: Path, run_file: Path, mon
     def interrupt(*given: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("clutch_hil.identify.quantity_pictures.draw_maps", interrupt)
+    monkeypatch.setattr("clutch_hil.identify.report.quantity_pictures.draw_maps", interrupt)
     run_command("identify", run_file, "--out", tmp_path / "mine")
     assert not (tmp_path / "mine").exists()

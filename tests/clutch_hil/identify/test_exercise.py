@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from clutch_hil.commands.experiment_identify import play_own_courses
-from clutch_hil.discrepancy.laboratory import plant_under_test
+from clutch_hil.discrepancy.experiments.laboratory import plant_under_test
 from tests.clutch_hil.identify.test_clutch_command import run_command
 
 CLUTCH = Path(__file__).parents[3] / "docs" / "examples" / "other_clutch.toml"

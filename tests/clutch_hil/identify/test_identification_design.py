@@ -10,13 +10,19 @@ import pytest
 
 from benchmarks.identification import draw, list_true_values
 from benchmarks.identification_design import TruthBench
-from clutch_hil.discrepancy.identification_design import CONFIRMATION, MARGIN, SURVEY, Design, design_experiment
-from clutch_hil.discrepancy.identification_set import play_designed
+from clutch_hil.discrepancy.experiments.identification_design import (
+    CONFIRMATION,
+    MARGIN,
+    SURVEY,
+    Design,
+    design_experiment,
+)
+from clutch_hil.discrepancy.experiments.identification_set import play_designed
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.controller_values import derive_pressures
-from clutch_hil.identify.course_pieces import LIBRARY, compose
-from clutch_hil.identify.courses import COURSES, HIGHEST, SCALE, Span
+from clutch_hil.identify.courses.clutch_courses import COURSES, HIGHEST, SCALE, Span
+from clutch_hil.identify.courses.course_pieces import LIBRARY, compose
 from clutch_hil.identify.goals import GOALS, stand
 from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch

@@ -12,8 +12,8 @@ import pytest
 
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.commands.experiment_identify import play_own_courses, running_courses
-from clutch_hil.discrepancy.identification_set import MISMATCH, ORDER, UNCALIBRATED, play_until_reached
-from clutch_hil.discrepancy.laboratory import plant_under_test
+from clutch_hil.discrepancy.experiments.identification_set import MISMATCH, ORDER, UNCALIBRATED, play_until_reached
+from clutch_hil.discrepancy.experiments.laboratory import plant_under_test
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.goals import GOALS, Progress, Standing, stand
 from clutch_hil.live.tuning.tune import request_parameters

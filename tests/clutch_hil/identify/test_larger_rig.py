@@ -10,9 +10,9 @@ from clutch_hil.bench.in_memory import simulate
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.identify.calibration import Identified
-from clutch_hil.identify.converters import find_converter_bits
 from clutch_hil.identify.identification import Identification, identify_clutch
-from clutch_hil.identify.motor_limit import find_motor_limit
+from clutch_hil.identify.recorded_runs.converters import find_converter_bits
+from clutch_hil.identify.recorded_runs.motor_limit import find_motor_limit
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run

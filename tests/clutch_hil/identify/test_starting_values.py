@@ -5,15 +5,15 @@ import pytest
 
 from benchmarks.identification import Hidden, draw, list_true_values, record_course
 from benchmarks.power_shift import TrueShift, play
-from clutch_hil.discrepancy.identification_design import SURVEY
+from clutch_hil.discrepancy.experiments.identification_design import SURVEY
 from clutch_hil.identify.clutch_effects import correct_offsets, estimate_effects, estimate_line
-from clutch_hil.identify.course_pieces import compose
-from clutch_hil.identify.courses import SCALE, TORQUE_SHARE, Span
+from clutch_hil.identify.courses.clutch_courses import SCALE, TORQUE_SHARE, Span
+from clutch_hil.identify.courses.course_pieces import compose
 from clutch_hil.identify.identification import identify_clutch
-from clutch_hil.identify.power_shift import NEEDED, _split, select_clutch_parameters
-from clutch_hil.identify.run_evidence import read_evidence
+from clutch_hil.identify.recorded_runs.run_evidence import read_evidence
 from clutch_hil.identify.starting_values import _describe_ends
 from clutch_hil.identify.stepwise import estimate_contact, estimate_friction, estimate_valve_gain, take_samples
+from clutch_hil.identify.two_clutches.power_shift import NEEDED, _split, select_clutch_parameters
 from plant_sim.rigs import power_shift, wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run

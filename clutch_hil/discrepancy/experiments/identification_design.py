@@ -36,8 +36,8 @@ from clutch_hil.fitting.intervals import NORMAL_95, split_clusters
 from clutch_hil.fitting.model import Columns, Model, Values
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.identify.clutch_parameters import FITTED, NEEDS, Need
-from clutch_hil.identify.course_pieces import LIBRARY, compose
-from clutch_hil.identify.courses import Span, write_course
+from clutch_hil.identify.courses.clutch_courses import Span, write_course
+from clutch_hil.identify.courses.course_pieces import LIBRARY, compose
 from clutch_hil.identify.free_parameters import TIMING, UNKNOWN, free_parameter
 from clutch_hil.identify.goals import GOALS, Goal, Standing, stand
 from clutch_hil.identify.identification import NOT_EXCITED, Identification

@@ -10,12 +10,12 @@ from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.judgement.calibration_check import EXPECTED
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
-from clutch_hil.discrepancy.identification_design import design_experiment
-from clutch_hil.discrepancy.laboratory import FaultError
+from clutch_hil.discrepancy.experiments.identification_design import design_experiment
+from clutch_hil.discrepancy.experiments.laboratory import FaultError
 from clutch_hil.fitting.model import Values
 from clutch_hil.identify.clutch_effects import estimate_line
 from clutch_hil.identify.controller_values import derive_pressures
-from clutch_hil.identify.courses import COURSES, SCALE, TORQUE_SHARE, Span, write_course
+from clutch_hil.identify.courses.clutch_courses import COURSES, SCALE, TORQUE_SHARE, Span, write_course
 from clutch_hil.identify.goals import Progress, Standing
 from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.stepwise import estimate_valve_gain, take_samples

@@ -23,20 +23,20 @@ from clutch_hil.bench.rig import find_rig
 from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import list_findings
-from clutch_hil.identify import driveline as shafts
 from clutch_hil.identify.behind_slip import FITTED_BEHIND_SLIP, drive_by_slip, fit_motor
 from clutch_hil.identify.calibration import Calibration, Identified
-from clutch_hil.identify.clutch_columns import COLUMNS, name_column, select_clutch_columns
 from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE, estimate_line
 from clutch_hil.identify.clutch_fit import Progress
 from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.fit_plan import Subject, Wishes, check_names, check_ties
-from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
 from clutch_hil.identify.identification import Identification, identify_subject
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
-from clutch_hil.identify.motor_limit import LIMIT, find_motor_limit
-from clutch_hil.identify.run_evidence import Evidenced, read_evidence
+from clutch_hil.identify.recorded_runs.motor_limit import LIMIT, find_motor_limit
+from clutch_hil.identify.recorded_runs.run_evidence import Evidenced, read_evidence
 from clutch_hil.identify.thesis_quantities import Propagation, as_covariance
+from clutch_hil.identify.two_clutches import driveline as shafts
+from clutch_hil.identify.two_clutches.clutch_columns import COLUMNS, name_column, select_clutch_columns
+from clutch_hil.identify.two_clutches.hand_over import HandOver, compute_pressures, find_hand_overs
 from clutch_hil.recordings.checks.finding import Finding
 from plant_sim.rigs.power_shift import NAME as RIG
 from plant_sim.rigs.power_shift import select_clutch_parameters

@@ -13,7 +13,7 @@ from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.fitting.run_checks import check_evidence, list_findings
-from clutch_hil.identify.logged_rows import RECORDED_SLIP, find_logged_rows
+from clutch_hil.identify.recorded_runs.logged_rows import RECORDED_SLIP, find_logged_rows
 from protocols.errors import InputError
 from protocols.files.run import Run
 

@@ -26,9 +26,14 @@ from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values, 
 from clutch_hil.fitting.noise import estimate_floors, estimate_noise
 from clutch_hil.identify.free_parameters import TIMING, free_parameter
 from clutch_hil.identify.joint_fit import JointFit, fit_jointly
-from clutch_hil.identify.logged_rows import LoggedRows, estimate_timing, find_logged_rows
-from clutch_hil.identify.motor_limit import LIMIT
-from clutch_hil.identify.run_beginning import AT_DEMAND, count_settling_rows, find_speed_integral, fit_line
+from clutch_hil.identify.recorded_runs.logged_rows import LoggedRows, estimate_timing, find_logged_rows
+from clutch_hil.identify.recorded_runs.motor_limit import LIMIT
+from clutch_hil.identify.recorded_runs.run_beginning import (
+    AT_DEMAND,
+    count_settling_rows,
+    find_speed_integral,
+    fit_line,
+)
 from clutch_hil.identify.stepwise import MEAN, estimate_motor, take_samples
 from plant_sim.rigs.driveline_run import MOTOR_RECORD, MOTOR_TORQUE, SLIP_A, SLIP_B
 from plant_sim.rigs.driveline_run import run as run_driveline

@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.command import make_application
-from clutch_hil.discrepancy.blind import GAP, draw_plant, measure_standard
 from clutch_hil.discrepancy.experiment_design import Experiment
-from clutch_hil.discrepancy.follow_up import Report
+from clutch_hil.discrepancy.experiments.blind import GAP, draw_plant, measure_standard
+from clutch_hil.discrepancy.experiments.follow_up import Report
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.effects.table import list_active_effects
 from protocols.errors import InputError

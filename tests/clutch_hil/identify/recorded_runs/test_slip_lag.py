@@ -9,8 +9,8 @@ from scipy.signal import butter, lfilter
 
 import clutch_hil as ch
 from clutch_hil.identify.identification import identify_clutch
-from clutch_hil.identify.shaft_angle import complete_angle
-from clutch_hil.identify.slip_lag import SLIP_DELAY, SLIP_FILTER, add_slip_lag, delay_slip
+from clutch_hil.identify.recorded_runs.shaft_angle import complete_angle
+from clutch_hil.identify.recorded_runs.slip_lag import SLIP_DELAY, SLIP_FILTER, add_slip_lag, delay_slip
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 

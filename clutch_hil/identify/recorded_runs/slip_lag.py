@@ -18,8 +18,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from clutch_hil.fitting.model import Columns
-from clutch_hil.identify.logged_rows import LOOP
-from clutch_hil.identify.shaft_angle import is_integrated
+from clutch_hil.identify.recorded_runs.logged_rows import LOOP
+from clutch_hil.identify.recorded_runs.shaft_angle import is_integrated
 
 # Columns (n,) of a complete run whose slip is no mean over a sample: by what it is delayed, and the filter's time constant [s]
 SLIP_DELAY, SLIP_FILTER = "slip_delay_s", "slip_filter_s"

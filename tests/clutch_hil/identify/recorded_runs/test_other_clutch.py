@@ -7,7 +7,7 @@ import pytest
 
 import clutch_hil as ch
 from clutch_hil.bench.in_memory import simulate
-from clutch_hil.identify.other_clutch import find_other_clutch
+from clutch_hil.identify.recorded_runs.other_clutch import find_other_clutch
 from clutch_hil.identify.thesis_quantities import compute_torque
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError

@@ -11,8 +11,8 @@ from clutch_hil.bench.rig import find_rig, list_rigs
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.fitting.model import Columns, Values
-from clutch_hil.identify.shaft_angle import complete_angle
-from clutch_hil.identify.slip_lag import add_slip_lag
+from clutch_hil.identify.recorded_runs.shaft_angle import complete_angle
+from clutch_hil.identify.recorded_runs.slip_lag import add_slip_lag
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from clutch_hil.recordings.checks.values import are_few, find_spikes

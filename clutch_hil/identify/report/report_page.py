@@ -9,12 +9,12 @@ import numpy as np
 
 from clutch_hil.bench.rig import find_rig
 from clutch_hil.identify.calibration import Calibration, Identified
-from clutch_hil.identify.hand_over import HAND_OVER
 from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.joint_fit import GOOD_FIT
-from clutch_hil.identify.power_shift import ShiftIdentification
-from clutch_hil.identify.quantity_pictures import MAPS_HEIGHT, RESPONSE_HEIGHT, plot_maps, plot_response
-from clutch_hil.identify.report_pictures import FAR, draw_correlation, draw_fit, draw_parameters
+from clutch_hil.identify.report.quantity_pictures import MAPS_HEIGHT, RESPONSE_HEIGHT, plot_maps, plot_response
+from clutch_hil.identify.report.report_pictures import FAR, draw_correlation, draw_fit, draw_parameters
+from clutch_hil.identify.two_clutches.hand_over import HAND_OVER
+from clutch_hil.identify.two_clutches.power_shift import ShiftIdentification
 from clutch_hil.page.document import compose_document
 from clutch_hil.page.figures import page_figure, render_png
 from clutch_hil.page.markup import (

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.clutch_effects import EFFECTS, TORQUE, find_vented
-from clutch_hil.identify.run_evidence import Evidenced
+from clutch_hil.identify.recorded_runs.run_evidence import Evidenced
 from protocols.errors import name_run
 
 CLUTCH_TORQUE = "clutch_torque_nm"

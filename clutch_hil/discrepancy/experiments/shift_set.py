@@ -5,10 +5,10 @@ from pathlib import Path
 
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
-from clutch_hil.discrepancy.identification_set import CourseExperiment
-from clutch_hil.identify.courses import TORQUE_SHARE, Span
-from clutch_hil.identify.power_shift import NEEDED, estimate_clutch_line
-from clutch_hil.identify.shift_courses import COURSES, SCALE, ShiftCourse, Spans, format_course
+from clutch_hil.discrepancy.experiments.identification_set import CourseExperiment
+from clutch_hil.identify.courses.clutch_courses import TORQUE_SHARE, Span
+from clutch_hil.identify.courses.shift_courses import COURSES, SCALE, ShiftCourse, Spans, format_course
+from clutch_hil.identify.two_clutches.power_shift import NEEDED, estimate_clutch_line
 from plant_sim.profiles.shift_profile import load_shift_profile
 from protocols.can.two_clutches import CLUTCHES
 from protocols.files.parameters import ParameterSet

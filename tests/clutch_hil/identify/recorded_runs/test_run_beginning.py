@@ -9,8 +9,13 @@ import clutch_hil as ch
 from clutch_hil.bench.in_memory import simulate
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.fitting.model import Columns, simulate_seen
-from clutch_hil.identify.driveline import DrivelineModel
-from clutch_hil.identify.run_beginning import SETTLING, begins_in_operation, find_initial_state, find_speed_integral
+from clutch_hil.identify.recorded_runs.run_beginning import (
+    SETTLING,
+    begins_in_operation,
+    find_initial_state,
+    find_speed_integral,
+)
+from clutch_hil.identify.two_clutches.driveline import DrivelineModel
 from plant_sim.rigs import power_shift, wet_clutch
 from protocols.files.run import Run
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.experiments import PRESSURE_RATE, RELEASE_TIME, STEP
-from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, ClutchCourse, Span
+from clutch_hil.identify.courses.clutch_courses import COURSES, HIGHEST, MOST, ClutchCourse, Span
 from clutch_hil.identify.frequency_response import _find_excited
 
 

@@ -16,9 +16,9 @@ from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
 from clutch_hil.command import check_rate
-from clutch_hil.discrepancy.blind import draw_plant
 from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
-from clutch_hil.discrepancy.follow_up import read_proposal
+from clutch_hil.discrepancy.experiments.blind import draw_plant
+from clutch_hil.discrepancy.experiments.follow_up import read_proposal
 from clutch_hil.discrepancy.models.wet_clutch_experiments import find
 from clutch_hil.live.live_bench import LiveBench
 from clutch_hil.live.tuning.tune import request_parameters

@@ -21,17 +21,17 @@ from clutch_hil.bench.up import Bench
 from clutch_hil.command import make_application
 from clutch_hil.commands.identify import FILES, MAPS_OF_TWO
 from clutch_hil.discrepancy.experiment_design import Experiment
-from clutch_hil.discrepancy.shift_set import NAMES, play_shift_courses
+from clutch_hil.discrepancy.experiments.shift_set import NAMES, play_shift_courses
 from clutch_hil.fitting.model import Columns
 from clutch_hil.identify import identification
-from clutch_hil.identify.courses import Span
-from clutch_hil.identify.driveline import identify_driveline
+from clutch_hil.identify.courses.clutch_courses import Span
+from clutch_hil.identify.courses.shift_courses import COURSES, SCALE, Spans, format_course
 from clutch_hil.identify.fit_plan import FitPlan, Subject
-from clutch_hil.identify.hand_over import HandOver, compute_pressures, find_hand_overs
-from clutch_hil.identify.motor_limit import LIMIT
-from clutch_hil.identify.power_shift import ShiftIdentification, identify_power_shift
-from clutch_hil.identify.shift_courses import COURSES, SCALE, Spans, format_course
+from clutch_hil.identify.recorded_runs.motor_limit import LIMIT
 from clutch_hil.identify.thesis_quantities import Propagation
+from clutch_hil.identify.two_clutches.driveline import identify_driveline
+from clutch_hil.identify.two_clutches.hand_over import HandOver, compute_pressures, find_hand_overs
+from clutch_hil.identify.two_clutches.power_shift import ShiftIdentification, identify_power_shift
 from plant_sim.profiles.shift_profile import load_shift_profile
 from plant_sim.rigs import power_shift, wet_clutch
 from protocols.errors import InputError

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from clutch_hil.identify.courses import LEAST, MOST, MULTISINE_SEED, ClutchCourse, Span
+from clutch_hil.identify.courses.clutch_courses import LEAST, MOST, MULTISINE_SEED, ClutchCourse, Span
 from plant_sim.rigs.multisine import Multisine
 from protocols.files.units import RPM
 

@@ -8,12 +8,12 @@ from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.identify.clutch_effects import MOTOR, TORQUE, find_vented
 from clutch_hil.identify.fit_plan import Subject
 from clutch_hil.identify.identification import Identification, identify_clutch
-from clutch_hil.identify.missing_torque import (
+from clutch_hil.identify.recorded_runs.missing_torque import (
     CLUTCH_TORQUE,
     complete_torque,
     describe_missing_torque,
 )
-from clutch_hil.identify.run_evidence import Evidenced
+from clutch_hil.identify.recorded_runs.run_evidence import Evidenced
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run

@@ -7,8 +7,8 @@ import pytest
 
 import clutch_hil as ch
 from clutch_hil.bench.in_memory import simulate
-from clutch_hil.identify.run_evidence import read_evidence
-from clutch_hil.identify.shaft_angle import complete_angle, differentiate_angle, is_integrated
+from clutch_hil.identify.recorded_runs.run_evidence import read_evidence
+from clutch_hil.identify.recorded_runs.shaft_angle import complete_angle, differentiate_angle, is_integrated
 from protocols.files.run import Run
 from protocols.files.runs import REQUIRED, write_run
 

@@ -2,7 +2,7 @@
 
 No brake holds the vehicle: a clutch that transmits torque accelerates it, and the slip vanishes. So the direction of the input
 alternates, and the vehicle follows. The first course finds the contact pressures by slow staircases. The others are those of
-one clutch (courses.py), for clutch a and for clutch b, and a hand-over by pressures.
+one clutch (clutch_courses.py), for clutch a and for clutch b, and a hand-over by pressures.
 
 References      Janssens 2010, figs 6.11 (staircase), 6.12 (Stribeck sweeps), 6.14 (sine of the slip), 6.15 (multisine), 6.1
 """
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clutch_hil.bench.experiments import IDLE_TIME, PRESSURE_RATE, STEP
-from clutch_hil.identify.courses import MOST, MULTISINE_SEED, Span
+from clutch_hil.identify.courses.clutch_courses import MOST, MULTISINE_SEED, Span
 from plant_sim.profiles.shift_profile import COLUMNS, PRESSURE_COLUMNS
 from plant_sim.rigs.multisine import Multisine
 from protocols.can.two_clutches import CLUTCHES

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.identify.torque_balance import find_other_torque
+from clutch_hil.identify.recorded_runs.torque_balance import find_other_torque
 
 TIME = np.arange(0.0, 10.0, 1e-3)  # s
 TORQUE = 5.0 + np.floor(TIME)  # Nm, a staircase

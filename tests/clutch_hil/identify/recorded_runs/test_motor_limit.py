@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.fitting.model import Columns
-from clutch_hil.identify.motor_limit import find_limit_at_steps
+from clutch_hil.identify.recorded_runs.motor_limit import find_limit_at_steps
 
 DECLARED = 40.0  # Nm
 INERTIA, GAIN, INTEGRAL, LOAD = 0.01, 1.0, 10.0, 3.0  # kg m^2, Nm s/rad, Nm/rad, Nm

@@ -1,0 +1,1 @@
+"""Experiments that identify a clutch, as courses of demands."""

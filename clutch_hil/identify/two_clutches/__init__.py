@@ -1,0 +1,1 @@
+"""Identification of the power-shift rig: both clutches, driveline and hand-over."""
