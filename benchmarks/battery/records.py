@@ -1,10 +1,7 @@
 """Records of a case: its simulated runs with noise, their regimes, and the description of its truth."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,8 +22,6 @@ from benchmarks.battery.truth_simulation import (
     Response,
     simulate,
 )
-from protocols.files.run import Run
-from protocols.files.runs import write_run
 
 UNITS = ("bar", "degC", "Nm", "Nm", "rad", "rad/s")  # of COLUMNS
 _SI = np.array([BAR, 1.0, 1.0, 1.0])  # Pa/bar, K/K, Nm/Nm, Nm/Nm: units of the analog columns in SI
@@ -87,26 +82,6 @@ def record_further_run(
     return record_run(
         inputs, hidden, draw_rig(int(case.make_generator(1).integers(2**31))), case.noise, case.make_generator(5)
     )
-
-
-def write_case(case: Case, folder: Path) -> tuple[list[Path], list[Path]]:
-    """Write a case to disk; return the paths of its runs and of its held-out runs. Raises InputError.
-
-    Runs are below `folder`/runs. The truth is below `folder`/truth, so that the engine cannot see it.
-    """
-    generated = generate_case(case)
-    run_folder = folder / "runs" / case.name
-    paths = [
-        [run_folder / f"{kind}-{k}.parquet" for k in range(1, len(records) + 1)]
-        for kind, records in (("run", generated.runs), ("holdout", generated.held_out))
-    ]
-    for path, record in zip(chain(*paths), (*generated.runs, *generated.held_out), strict=True):
-        metadata = {"rig": "wet_clutch", "sample_rate_hz": round(1.0 / PERIOD), "notes": record.title}
-        write_run(Run(record.columns, metadata), path)
-    truth_file = folder / "truth" / case.name / "truth.json"
-    truth_file.parent.mkdir(parents=True, exist_ok=True)
-    truth_file.write_text(json.dumps(generated.truth, indent=1), encoding="utf-8")
-    return paths[0], paths[1]
 
 
 def record_run(

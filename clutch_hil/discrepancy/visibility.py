@@ -34,7 +34,7 @@ class Visibility:
 
     def compute_gaps(self, effects: Values) -> dict[str, float]:
         """Return the gap in floors by output; the largest is the visibility. effects: parameters by dotted name."""
-        residual = self._compute_residual(effects)
+        residual = self._evidence.compute_residuals([(self._at.point[0], effects)])[0]
         left = residual + self._at.jacobian @ self._at.find_best(residual)[0]
         rms = {}
         for column in self._evidence.columns:
@@ -43,10 +43,3 @@ class Visibility:
             ]
             rms[column] = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         return rms
-
-    def compute_deviations(self, effects: Values) -> float:
-        """Return the visibility of effects in standard deviations; above 3 an experiment separates (experiment_design.py)."""
-        return float(np.sqrt(self._at.find_best(self._compute_residual(effects))[1] / self._evidence.redundancy))
-
-    def _compute_residual(self, effects: Values) -> np.ndarray:
-        return self._evidence.compute_residuals([(self._at.point[0], effects)])[0]

@@ -113,7 +113,7 @@ class LiveBench:
         Raises InputError for an impossible demand, and if the controller did not follow the previous demand.
         """
         torque, speed, ramp = take_number("torque", torque), take_number("speed", speed), take_number("ramp", ramp)
-        self._start_supervisor().follow(lambda now: make_torque_profile(torque, speed, None, ramp, now.torque))
+        self._get_driver().follow(lambda now: make_torque_profile(torque, speed, None, ramp, now.torque))
 
     def demand_pressure(self, pressure: float, speed: float = SPEED, ramp: float = PRESSURE_RAMP) -> None:
         """Demand a cylinder pressure [bar] at a motor speed [rad/s], reached with `ramp` [bar/s]; see `demand_torque`."""
@@ -122,20 +122,20 @@ class LiveBench:
             take_number("speed", speed),
             take_number("ramp", ramp),
         )
-        self._start_supervisor().follow(lambda now: make_pressure_profile(pressure, speed, None, ramp, now.pressure))
+        self._get_driver().follow(lambda now: make_pressure_profile(pressure, speed, None, ramp, now.pressure))
 
     def demand_lock(self, speed: float = SPEED) -> None:
         """Demand a locked clutch, at a motor speed [rad/s]; see `demand_torque`."""
         speed = take_number("speed", speed)
-        self._start_supervisor().follow(lambda now: lock_profile(speed, None))
+        self._get_driver().follow(lambda now: lock_profile(speed, None))
 
     def demand_profile(self, profile: str | Path) -> None:
         """Play the demands of a profile from now on, a shipped name or the path of a CSV file; see `demand_torque`."""
-        self._start_supervisor().follow(lambda now: load_profile(str(profile)))
+        self._get_driver().follow(lambda now: load_profile(str(profile)))
 
     def release(self) -> None:
         """Release the clutch, acknowledge a fault, and return when the controller is idle. Raises InputError."""
-        self._start_supervisor().release()
+        self._get_driver().release()
 
     def wait(self, seconds: float | None = None) -> None:
         """Let the bench run for `seconds` [s], or to the end of its profile if None.
@@ -267,7 +267,7 @@ class LiveBench:
         if self._error:
             raise self._error
 
-    def _start_supervisor(self) -> Driver:
+    def _get_driver(self) -> Driver:
         """Return the driver that sends demands to the controller.
 
         Raises InputError if the demand comes from a profile, and the error of the recorder, if there was one.

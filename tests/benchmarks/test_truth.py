@@ -26,7 +26,7 @@ from benchmarks.battery.truth_simulation import (
 )
 from plant_sim.effects.catalogue import load_effects
 from plant_sim.rigs import wet_clutch
-from protocols.files.runs import read_run
+from protocols.files.runs import REQUIRED
 
 ADC = {  # one step of the 12 bit converters, docs/rig.md, eq. 9, in the column's unit
     "cylinder_pressure_bar": 4.9e-3,  # measured 2.4e-3, at the impact on the plates
@@ -195,20 +195,19 @@ def test_a_law_vanishes_with_its_strength_and_reaches_severity_4(five, short, la
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    """A case on disk: its name, folder and paths."""
-    case, folder = Case.of("single/piston_seal_friction/2.0/0.02/s101"), tmp_path_factory.mktemp("battery")
-    return case, folder, *records.write_case(case, folder)
+def generated():
+    """A case with its runs."""
+    case = Case.of("single/piston_seal_friction/2.0/0.02/s101")
+    return case, records.generate_case(case)
 
 
-def test_the_gap_is_what_was_asked(written):
-    case, _, runs, _ = written
+def test_the_gap_is_what_was_asked(generated):
+    case, content = generated
     truth, total = Truth(case), np.zeros(ANALOG_COUNT)
-    for path, inputs in zip(runs, truth.inputs, strict=True):
-        run = read_run(path)
-        without = simulate(inputs.with_voltage(run["valve_voltage_v"]), plant=truth.plant)
-        measured = np.column_stack([run[column] for column in COLUMNS[:ANALOG_COUNT]])
-        total += np.mean((measured - without.rows[:, :ANALOG_COUNT]) ** 2, axis=0) / len(runs)
+    for run, inputs in zip(content.runs, truth.inputs, strict=True):
+        without = simulate(inputs.with_voltage(run.columns["valve_voltage_v"]), plant=truth.plant)
+        measured = np.column_stack([run.columns[column] for column in COLUMNS[:ANALOG_COUNT]])
+        total += np.mean((measured - without.rows[:, :ANALOG_COUNT]) ** 2, axis=0) / len(content.runs)
     assert np.max(np.sqrt(total) / compute_noise_floors(case.noise)[:ANALOG_COUNT]) == pytest.approx(
         case.severity, rel=SAMPLED
     )
@@ -224,14 +223,13 @@ def test_in_closed_loop_the_gap_is_that_of_the_recorded_voltage():
     assert compute_gap(rms, 0.005) == pytest.approx(4.0, rel=SETTLED)
 
 
-def test_truth_is_kept_apart_from_the_runs(written):
-    case, folder, runs, held_out = written
-    assert (len(runs), len(held_out)) == (5, 2)
-    for path in (*runs, *held_out):
-        run = read_run(path)
-        assert set(run.metadata) == {"rig", "sample_rate_hz", "notes"}
-        assert len(run["time_s"]) == 24_000
-    truth = json.loads((folder / "truth" / case.name / "truth.json").read_text(encoding="utf-8"))
+def test_a_case_has_its_truth_apart_from_the_columns_of_its_runs(generated):
+    case, content = generated
+    assert (len(content.runs), len(content.held_out)) == (5, 2)
+    for run in (*content.runs, *content.held_out):
+        assert set(run.columns) == set(REQUIRED)
+        assert len(run.columns["time_s"]) == 24_000
+    truth = json.loads(json.dumps(content.truth))  # as in the stored answers
     assert truth["effects"][0]["severity"] == pytest.approx(case.severity, rel=SETTLED)
     assert truth["gap"] == pytest.approx(case.severity, rel=2 * SETTLED)  # noise moves a regulator's voltage
     for output in truth["outputs"].values():

@@ -83,7 +83,7 @@ def locate(
     x2, p = average(r[TORQUE], run) if TORQUE in r else None, average(r[PRESSURE], run)
     x3 = _balance_motor(run, r, shown, values) if MOTOR in r else None
     if x2 is not None and x3 is not None:
-        x3 = _make_alike(x2, x3, average(shown[TORQUE], run), _list_gains(parameters))
+        x3 = _make_alike(x2, x3, average(shown[TORQUE], run), _estimate_gain_difference(parameters))
     h = np.mean([x1 * x for x in (x2, x3) if x is not None], axis=0)
     add(HYDRAULICS, TORQUE if x2 is not None else MOTOR, x1, lambda lag: nothing, h)
     # in bar^2, by the block's own gain for noise
@@ -167,7 +167,7 @@ def _remove_slow_part(values: np.ndarray, period: float) -> np.ndarray:
     return np.asarray(lfilter([1.0, -1.0], [1.0, -pole], values - values[0]))
 
 
-def _list_gains(parameters: ParameterSet) -> float:
+def _estimate_gain_difference(parameters: ParameterSet) -> float:
     """Return the possible gain difference of the two torque sensors by their data sheets (1 sigma)."""
     sheets = [parameters[f"sensors.{name}_sensitivity"] for name in ("clutch_torque", "motor_torque")]
     return float(np.sqrt(sum((p.uncertainty / p.value) ** 2 for p in sheets)))

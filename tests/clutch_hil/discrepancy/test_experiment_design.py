@@ -22,6 +22,8 @@ from protocols.files.parameters import Parameter, ParameterSet
 from protocols.node import load_node
 from tests.processes import play_here
 
+# floors, root mean square of an output: 0.15 was measured for return_spring_change, at least 0.33 for the others
+LEAST_GAP = 0.1
 VOLTAGE = 2e-3  # V: 1.0 mV measured, where a converter's step of the pressure passes a threshold a sample later
 SHORT = 3.0  # s of a profile: fill, rise, hold
 QUIET = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
@@ -202,8 +204,6 @@ def test_the_regulated_rig_gets_the_voltage_that_the_controller_gives(name: str)
 
 def test_the_standard_experiments_show_every_candidate() -> None:
     shown = measure_standard()
-    seen = {c.name: shown.compute_deviations(c.list_typical_values()) for c in WetClutch().candidates}
-    # 27 measured for the weakest, stribeck_change: typically it is within the uncertainty of the baseline
-    unseen = {name: times for name, times in seen.items() if not times**2 > LEAST_SEPARATION}
-    assert not unseen
+    gaps = {c.name: shown.compute_gaps(c.list_typical_values()) for c in WetClutch().candidates}
+    assert not {name: gap for name, gap in gaps.items() if not max(gap.values()) > LEAST_GAP}
     assert not set(STANDARD) & set(HELD_OUT)
