@@ -71,14 +71,15 @@ class Candidate:
     def list_at_bounds(self, values: Values) -> list[str]:
         """Return the strengths by dotted name that are at a bound in `values`: the fit asks for more than is possible.
 
-        A bound that is the off value does not count: the effect, or a part of it, is absent there. Bounds of shapes do not
-        count either: most are limit cases (a very small time constant, no spread) that many real rigs are close to.
+        A bound that is the off value does not count: the effect, or a part of it, is absent there. Nor does one that is the
+        typical value: a filter is in the line or not. Bounds of shapes do not count either: most are limit cases (a very small
+        time constant, no spread) that many real rigs are close to.
         """
         at_bounds = []
         for s in self.strengths:
             name = f"{self.name}.{s.name}"
             reach = _AT_BOUND * (s.bounds[1] - s.bounds[0])
-            if any(bound != s.off and abs(values[name] - bound) <= reach for bound in s.bounds):
+            if any(bound not in (s.off, s.typical) and abs(values[name] - bound) <= reach for bound in s.bounds):
                 at_bounds.append(name)
         return at_bounds
 

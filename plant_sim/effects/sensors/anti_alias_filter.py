@@ -2,7 +2,8 @@
 
 What            a low pass of second order on each analog channel: frequencies above half the sample rate do not cause aliasing
 Equation        u_shown'' + sqrt(2) w u_shown' + w^2 u_shown = w^2 u,  w = 2 pi corner: Butterworth, -3 dB at the corner
-                exact for an input held over the integration step at its value of mid-step
+                a slow signal comes late by sqrt(2)/w
+                exact for an input that is linear over the integration step
 Assumptions     one corner for all four channels; the filter has settled when the effect is switched on
 Valid range     corner 20..5000 Hz; inserted 0 (bypassed) or 1 (in the line), between them a blend for a smooth change
 Not modelled    tolerance of the corner by channel; the noise of docs/rig.md, 9, is that of the converter, after the filter
@@ -18,12 +19,12 @@ from plant_sim.effects.signals import SENSORS
 
 
 @njit(inline="always")
-def low_pass(shown, rate, held, a, decay, cosine, sine):
-    """Output and its rate after a step of the input `held`; both poles have the real and imaginary part a [1/s]."""
-    off = shown - held
+def low_pass(shown, rate, begin, slope, lag, h, decay, cosine, sine):
+    """Output and its rate after a step h of an input that rises from `begin` with `slope`; poles at (-1 +- j)/lag."""
+    off, off_rate = shown - (begin - slope * lag), rate - slope  # from the steady response to this ramp
     return (
-        held + decay * (off * (cosine + sine) + rate / a * sine),
-        decay * (rate * (cosine - sine) - 2.0 * a * off * sine),
+        begin + slope * (h - lag) + decay * (off * (cosine + sine) + off_rate * lag * sine),
+        slope + decay * (off_rate * (cosine - sine) - 2.0 * off / lag * sine),
     )
 
 
@@ -37,17 +38,28 @@ def smooth(s, c, p, x, h):
             x.begun = 1.0
             x.pressure = x.last_pressure = pressure
             x.temperature = x.last_temperature = temperature
-            x.motor_torque = motor_before = motor
-            x.clutch_torque = clutch_before = clutch
-        a = pi * sqrt(2.0) * p.corner  # w / sqrt(2)
-        decay, cosine, sine = exp(-a * h), cos(a * h), sin(a * h)
-        held = 0.5 * (x.last_pressure + pressure)
-        x.pressure, x.pressure_rate = low_pass(x.pressure, x.pressure_rate, held, a, decay, cosine, sine)
-        held = 0.5 * (x.last_temperature + temperature)
-        x.temperature, x.temperature_rate = low_pass(x.temperature, x.temperature_rate, held, a, decay, cosine, sine)
-        x.motor_torque, x.motor_rate = low_pass(x.motor_torque, x.motor_rate, motor, a, decay, cosine, sine)
-        x.clutch_torque, x.clutch_rate = low_pass(x.clutch_torque, x.clutch_rate, clutch, a, decay, cosine, sine)
+            x.motor_torque = x.last_motor = motor_before = motor
+            x.clutch_torque = x.last_clutch = clutch_before = clutch
+        lag = 1.0 / (pi * sqrt(2.0) * p.corner)  # sqrt(2)/w
+        decay, cosine, sine = exp(-h / lag), cos(h / lag), sin(h / lag)
+        slope = (pressure - x.last_pressure) / h
+        x.pressure, x.pressure_rate = low_pass(
+            x.pressure, x.pressure_rate, x.last_pressure, slope, lag, h, decay, cosine, sine
+        )
+        slope = (temperature - x.last_temperature) / h
+        x.temperature, x.temperature_rate = low_pass(
+            x.temperature, x.temperature_rate, x.last_temperature, slope, lag, h, decay, cosine, sine
+        )
+        slope = (motor - x.last_motor) / h  # torques are those of mid-step: the step begins half a step before
+        x.motor_torque, x.motor_rate = low_pass(
+            x.motor_torque, x.motor_rate, motor - 0.5 * slope * h, slope, lag, h, decay, cosine, sine
+        )
+        slope = (clutch - x.last_clutch) / h
+        x.clutch_torque, x.clutch_rate = low_pass(
+            x.clutch_torque, x.clutch_rate, clutch - 0.5 * slope * h, slope, lag, h, decay, cosine, sine
+        )
         x.last_pressure, x.last_temperature = pressure, temperature
+        x.last_motor, x.last_clutch = motor, clutch
     if x.begun > 0.0:
         s.sensed_pressure += p.inserted * (x.pressure - pressure)
         s.sensed_temperature += p.inserted * (x.temperature - temperature)
@@ -60,7 +72,6 @@ EFFECT = Effect(
     block="sensors",
     laws={SENSORS: smooth},
     rank=30,
-    candidate=False,
     parameters=(
         Strength(
             "inserted", "1", off=0.0, typical=1.0, bounds=(0.0, 1.0),
@@ -81,7 +92,9 @@ EFFECT = Effect(
         State("last_temperature", "K"),
         State("motor_torque", "Nm"),
         State("motor_rate", "Nm/s"),
+        State("last_motor", "Nm"),
         State("clutch_torque", "Nm"),
         State("clutch_rate", "Nm/s"),
+        State("last_clutch", "Nm"),
     ),
 )  # fmt: skip

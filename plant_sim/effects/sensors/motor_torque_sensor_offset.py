@@ -21,7 +21,6 @@ EFFECT = Effect(
     block="sensors",
     laws={SENSORS: add},
     rank=20,
-    candidate=False,
     parameters=(
         Strength(
             "offset", "Nm", off=0.0, typical=0.8, bounds=(-50.0, 50.0),

@@ -16,6 +16,7 @@ COARSE = 5e-5  # s: the shortest step of the shipped rates
 SENSOR_EFFECTS = [name for name, effect in load_effects().items() if effect.block in ("sensors", "fault")]
 
 CORNER = 200.0  # Hz
+LAG = sqrt(2.0) / (2 * pi * CORNER)  # s
 FILTER = {"anti_alias_filter.inserted": 1.0, "anti_alias_filter.corner": CORNER}
 CHANNELS = {"pressure": PRESSURE, "temperature": TEMPERATURE, "motor_torque": MOTOR, "clutch_torque": CLUTCH}
 
@@ -132,7 +133,7 @@ def test_filter_delay_skew_and_sampling_instant_add_up(name: str) -> None:
     """A filter of second order trails a ramp by sqrt(2)/w."""
     changed = {"pressure_time_offset.delay": 3.37, "torque_time_offset.delay": 1.21, "channel_skew.interval": 50.0}
     time, shown = simulate_sensor(changed | FILTER | {"sampling_instant.lead": 130.0}, make_ramp(300.0, 50.0), 0.1)
-    late = sqrt(2.0) / (2 * pi * CORNER) + 0.13e-3 + ADDED[name]
+    late = LAG + 0.13e-3 + ADDED[name]
     assert time[-1] - (shown[-1, CHANNELS[name]] - 300.0) / 50.0 == pytest.approx(late, abs=1e-3 * STEP)
 
 
@@ -295,6 +296,14 @@ def test_half_a_filter_is_the_mean_of_with_and_without() -> None:
         for share in (1.0, 0.5)
     )
     assert half[:, PRESSURE] == pytest.approx(0.5 * (whole[:, PRESSURE] + (time > 0.01)), abs=EXACT)
+
+
+@pytest.mark.parametrize("step", [STEP, COARSE, 5e-4])  # 0.5 ms: of the model that the discrepancy search simulates
+@pytest.mark.parametrize("name", CHANNELS)
+def test_a_ramp_through_the_filter_is_late_by_the_same_time_at_any_step(name: str, step: float) -> None:
+    time, shown = simulate_sensor(FILTER, make_ramp(300.0, 50.0), 0.1, step)
+    settled = time > 0.05
+    assert shown[settled, CHANNELS[name]] == pytest.approx((300.0 + 50.0 * (time - LAG))[settled], rel=EXACT)
 
 
 # --- every effect in sensors and acquisition --------------------------------------------------------------------------
