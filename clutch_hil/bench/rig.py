@@ -4,9 +4,11 @@ Rigs are found by entry point, in the group `clutch_hil.rigs`. A part given as "
 a plant service needs neither pictures nor a discrepancy model.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
@@ -30,7 +32,7 @@ class Rig:
 
     plant               its plant: name, node, parameters, profiles, clutches
     measures_at         "module:name" of its measures by name; one of them is `fault`
-    sheet_at            "module:name" of the function that draws the columns of a run, see `sheet`
+    sheet_at            "module:name" of the function that draws the columns of a run, see `make_sheet`
     judge_at            "module:name" of the function that judges and draws a run file, see `judge`
     status_at           "module:name" of the class of its status line, see `status`
     figures             measures that summarise a run in a sweep; the first is NaN where the run missed its aim
@@ -67,41 +69,43 @@ class Rig:
             )
         return measures
 
-    @property
-    def sheet(self) -> Callable[..., Any]:
-        """Return the function that draws columns (n,) of a run by name: sheet(columns, title, injected).
+    def make_sheet(self, columns: Columns, title: str, injected: Sequence[float] = ()) -> Any:
+        """Draw the `columns` (n,) of a run by name, with a line at each time [s] in `injected`; return the `sheet.Sheet`.
 
-        `injected` are the times [s] of injections. The function returns a `sheet.Sheet`.
+        Raises InputError, also where the function of `sheet_at` fails or needs a column that the run lacks.
         """
-        return self._load_part(self.sheet_at)
+        with self._tell_failure(f"the picture ({self.sheet_at})", columns):
+            return self._load_callable(self.sheet_at)(columns, title, injected)
 
-    @property
-    def judge(self) -> Callable[..., Any]:
-        """Return the function that judges the run file `path` and draws its picture: judge(path, read, limits, timing).
+    def judge(self, path: Path, read: str, limits: Sequence[Any] = (), timing: dict[str, Any] | None = None) -> Any:
+        """Judge the run file at `path`, and draw its picture; return the `result.Result`.
 
         `read` describes the input. `limits` are those of the scenario. `timing` has the summaries of the services; None for a
-        simulation. The function returns a `result.Result`.
+        simulation. Raises InputError, which names the run file, also where the function of `judge_at` fails.
         """
-        return self._load_part(self.judge_at)
+        try:
+            with self._tell_failure(self.judge_at):
+                return self._load_callable(self.judge_at)(path, read, limits, timing)
+        except InputError as error:
+            raise InputError(f"{error}; the run is complete, in {path}") from error
 
     @property
     def status(self) -> Callable[..., Any]:
         """Return the class of its status line: `status.StatusLine` or a subclass that overrides `_format`."""
-        status = self._load_part(self.status_at)
-        refuse_old_methods(status, f"status line of the rig {self.name}", {"_text": "_format"})
-        return status
+        refuse_old_methods(self._load_part(self.status_at), f"status line of the rig {self.name}", {"_text": "_format"})
+        return self._guard(self.status_at)
 
     @property
     def model(self) -> Callable[..., Any]:
         """Return the class of its discrepancy model. Raises InputError if it has none."""
         if not self.model_at:
             raise InputError(f"rig {self.name}{self.of_two} has no discrepancy model")
-        return self._load_part(self.model_at)
+        return self._guard(self.model_at)
 
     @property
     def clutch_model(self) -> Callable[..., Any]:
         """Return the class of the model of a clutch driven by its measured slip, for identification."""
-        return self._load_part(self.clutch_model_at)
+        return self._guard(self.clutch_model_at)
 
     @property
     def identify(self) -> Callable[..., Any]:
@@ -109,7 +113,7 @@ class Rig:
 
         The function returns an `identification.Identification`.
         """
-        return self._load_part(self.identify_at)
+        return self._guard(self.identify_at)
 
     @property
     def of_two(self) -> str:
@@ -125,17 +129,8 @@ class Rig:
     def compute_measure(self, name: str, columns: Columns) -> float | str:
         """Return a measure of the `columns` of a run. Raises InputError, also where the function of a user's measure fails."""
         measure = self.measure(name)
-        try:
+        with self._tell_failure(f"measure {name}", columns):
             value = measure.of(columns)
-        except InputError:
-            raise
-        except Exception as error:  # a user's function may raise anything
-            lacking = error.args[0] if isinstance(error, KeyError) and error.args else None
-            if isinstance(lacking, str) and lacking not in columns:
-                raise InputError(f"the run has no column {lacking!r}, which the measures of its rig need") from None
-            raise InputError(
-                f"rig {self.name}: measure {name} raises {describe_error(error)}{describe_moves(error)}"
-            ) from error
         if not isinstance(value, str if measure.words else (int, float, np.number)):
             kind = "a word" if measure.words else f"a number in {measure.unit}"
             raise InputError(f"rig {self.name}: measure {name} returns {value!r}; {kind} is needed")
@@ -151,12 +146,51 @@ class Rig:
             raise InputError(f"rig {name} has no figures; one or more of its measures are needed")
 
     def check_parts(self) -> None:
-        """Load what draws and judges a run, so that an InputError occurs before the run and not after it."""
-        for place, part in ((self.sheet_at, self.sheet), (self.judge_at, self.judge)):
-            if not callable(part):
-                raise InputError(f"rig {self.name}: {place} is {part!r}; a function is needed")
+        """Load what shows, draws and judges a run, so that an InputError occurs before the run and not after it."""
+        for place in (self.sheet_at, self.judge_at, self.status_at):
+            self._load_callable(place)
+
+    @contextmanager
+    def _tell_failure(self, what: str, columns: Collection[str] = ()) -> Iterator[None]:
+        """Raise an InputError that names `what` for an error raised within, as a user's function may raise anything.
+
+        `columns` are those of the run that the function reads; the message names one that is missing.
+        """
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:
+            lacking = error.args[0] if isinstance(error, KeyError) and error.args else None
+            if columns and isinstance(lacking, str) and lacking not in columns:
+                raise InputError(
+                    f"the run has no column {lacking!r}, which {what} of the rig {self.name} needs"
+                ) from error
+            raise InputError(
+                f"rig {self.name}: {what} raises {describe_error(error)}{describe_moves(error)}"
+            ) from error
+
+    def _guard(self, place: str) -> Callable[..., Any]:
+        """Return the function or class at `place`; any error of a call is an InputError."""
+        part = self._load_callable(place)
+
+        @wraps(part, updated=())
+        def call(*arguments: Any, **options: Any) -> Any:
+            with self._tell_failure(place):
+                return part(*arguments, **options)
+
+        return call
+
+    def _load_callable(self, place: str) -> Callable[..., Any]:
+        part = self._load_part(place)
+        if not callable(part):
+            raise InputError(f"rig {self.name}: {place} is {part!r}; a function or class is needed")
+        loaded: Callable[..., Any] = part
+        return loaded
 
     def _load_part(self, place: str) -> Any:
+        if not place:
+            raise InputError(f'rig {self.name} has an empty text as one of its parts; "module:name" is needed')
         try:
             return resolve_name(place)
         except (Exception, SystemExit) as error:  # a user's module may raise anything

@@ -90,10 +90,7 @@ class Bench:
             except TooShortError as error:
                 stop.check(str(error))  # an interruption soon after the start is no error of the user
                 raise
-        try:
-            result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
-        except InputError as error:
-            raise InputError(f"{error}; the run is complete, in {session.path}") from None
+        result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
         return result
 
     @contextmanager

@@ -182,5 +182,7 @@ def test_a_csv_without_a_rig_is_measured_as_a_wet_clutch(tmp_path: Path) -> None
     assert ch.measure_run(ch.read_run(tmp_path / "run.csv"))["regime_error_nm"] == pytest.approx(
         ch.measure_run(run)["regime_error_nm"], rel=1e-6, nan_ok=True
     )
-    with pytest.raises(ch.InputError, match=r"^the run has no column '.*', which the measures of its rig need$"):
+    with pytest.raises(
+        ch.InputError, match=r"^the run has no column '.*', which measure .* of the rig wet_clutch needs$"
+    ):
         ch.measure_run(Run({"time_s": TIME}, {}))

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from clutch_hil.bench.figures import draw_run
 from clutch_hil.bench.rig import GROUP, find_rig, list_rigs
 from clutch_hil.bench.scenario import choose_scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.command import make_application
 from clutch_hil.discrepancy.models.named import find_model
 from protocols.errors import InputError
+from protocols.files.run import Run
 from protocols.files.runs import read_run
 from tests.processes import play_here
 
@@ -131,6 +133,8 @@ BROKEN_IN_USE = {
     "profile raises": ("load_profile=load_profile", "load_profile=lambda name: 5", "load_profile raises TypeError: "),
     "sheet": ("picture:make_run_sheet", "picture:nope", "rig broken: clutch_hil.bench.pictures.picture:nope cannot be loaded"),
     "judge": ("result:judge_run", "result:nope", "rig broken: clutch_hil.bench.result:nope cannot be loaded"),
+    "no status": ('"clutch_hil.bench.status:StatusLine"', '""', 'rig broken has an empty text .*; "module:name" is needed'),
+    "status": ("clutch_hil.bench.status:StatusLine", "broken:PLATES", "rig broken: broken:PLATES is 0.5; a function or class"),
 }  # fmt: skip
 
 
@@ -181,6 +185,44 @@ def test_a_measure_that_fails_is_told(broken: str) -> None:
         find_rig("broken").compute_measure(
             "peak_power_w", {"truth_clutch_torque_nm": zeros, "truth_slip_speed_rad_s": zeros}
         )
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        (
+            "clutch_hil.bench.result:judge_run",
+            "broken:load_nominal",
+            "rig broken: broken:load_nominal raises TypeError: .*; the run is complete, in .*simulated.parquet",
+        )
+    ],
+    indirect=True,
+)
+def test_a_judge_that_fails_leaves_the_run_and_names_it(broken: str, tmp_path: Path) -> None:
+    simulation = Simulation(choose_scenario(None, {"out": tmp_path, "seconds": 0.6}, "broken"))
+    with pytest.raises(InputError, match=broken):
+        simulation.run(lambda done, total: None)
+    assert len(list(tmp_path.glob("*.parquet"))) == 1
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [("status_at=", 'model_at="broken:peak_power", status_at=', "broken:peak_power raises TypeError: ")],
+    indirect=True,
+)
+def test_a_model_that_fails_is_told(broken: str) -> None:
+    with pytest.raises(InputError, match=broken):
+        find_rig("broken").model()
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [("clutch_hil.bench.picture:make_run_sheet", "broken:load_nominal", "rig broken: the picture .*TypeError")],
+    indirect=True,
+)
+def test_a_picture_that_fails_is_told(broken: str) -> None:
+    with pytest.raises(InputError, match=broken):
+        draw_run(Run({"time_s": np.zeros(3)}, {"rig": "broken"}))
 
 
 def test_a_rig_of_two_packages_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

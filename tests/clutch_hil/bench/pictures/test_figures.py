@@ -91,6 +91,7 @@ def test_a_run_of_two_clutches_is_drawn_as_its_rig_is() -> None:
 def test_a_run_that_lacks_what_is_drawn_of_its_rig_is_refused() -> None:
     run = ch.Run({"time_s": np.zeros(2)}, {"rig": "power_shift"})
     with pytest.raises(
-        ch.InputError, match=r"the run lacks the column '.*', which the picture of a run of the rig power_shift needs"
+        ch.InputError,
+        match=r"the run has no column '.*', which the picture \(.*make_shift_sheet\) of the rig power_shift needs",
     ):
         ch.draw_run(run)
