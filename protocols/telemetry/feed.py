@@ -17,6 +17,7 @@ from protocols.node import Column
 from protocols.telemetry.batch import Batch, decode
 from protocols.telemetry.distinct import DistinctMessages
 from protocols.telemetry.keys import NODES, Keys, find_bus, make_bench_name, parse_key
+from protocols.telemetry.lab import advise_start
 from protocols.telemetry.message import NODES as ALL_NODES
 from protocols.telemetry.message import (
     check_description,
@@ -260,8 +261,11 @@ def list_live_nodes(session: zenoh.Session, bench: str) -> list[str]:
     return sorted({parse_key(str(reply.ok.key_expr)).node for reply in replies if reply.ok is not None})
 
 
-def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
-    """Return the bench on `bus`, or the only one. Raises InputError if there are several, NoBenchError if there is none."""
+def find_bench(session: zenoh.Session, bus: str | None = None, network: str | None = None) -> str:
+    """Return the bench on `bus`, or the only one. Raises InputError if there are several, NoBenchError if there is none.
+
+    network: with which `session` was opened; the message of the error then says where a bench is missing.
+    """
     there = list_benches(session)
     if bus is None:
         matches = there
@@ -274,7 +278,4 @@ def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
         raise InputError(f"{len(matches)} benches run: {join_names(matches)}; choose one with --bus")
     where = f" on {bus}" if bus else ""
     others = f"; running are {join_names(there)}" if there else ""
-    raise NoBenchError(
-        f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up, or name"
-        " the network of one elsewhere with --network"
-    )
+    raise NoBenchError(f"no bench{where} publishes telemetry{others}; {advise_start(network)}")

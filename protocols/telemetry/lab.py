@@ -102,6 +102,16 @@ def find_asker_name(network: str | None) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]", "_", user)[:60].lstrip("_.-") or "unknown"
 
 
+def advise_start(network: str | None) -> str:
+    """Return how to start a bench that `network` reaches: a router's address, a lab file, or None for this machine."""
+    if lab := read_lab(network):
+        address = lab.settings["connect"]["endpoints"][0].removeprefix("tls/").rpartition(":")[0]
+        return f"start one at {address} with clutch-hil up --network {BENCH}{SUFFIX}, the file that was made with {lab.path}"
+    if network:
+        return f"start one with: clutch-hil up --router {network}"
+    return "start one with: clutch-hil up, or name the network of one elsewhere with --network"
+
+
 def choose_viewer_network(network: str | None) -> str | None:
     """Return the `network` for a viewer started beside services.
 

@@ -33,7 +33,7 @@ class DemandLog:
         with ExitStack() as stack:
             self._session = stack.enter_context(open_consumer_session(self._network))
             try:
-                self._bench = find_bench(self._session, self._bus)
+                self._bench = find_bench(self._session, self._bus, self._network)
             except InputError as error:
                 self._reason = str(error)
             self._stack = stack.pop_all()

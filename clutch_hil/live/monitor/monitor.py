@@ -34,7 +34,7 @@ def watch(
     with (
         Stop() as stop,
         open_consumer_session(router) as session,
-        Feed(session, bench := find_bench(session, bus), live=True) as feed,
+        Feed(session, bench := find_bench(session, bus, router), live=True) as feed,
         _Screen(quiet or once) as screen,
     ):
         collector = Collector(bench)

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import zenoh
-
 from clutch_hil.bench.recovery import recover_folder
 from clutch_hil.live.conversion import check_target, convert
 from clutch_hil.live.recording.recorder import RUNS, Recorder, RecordingResult, make_rows_path
@@ -16,6 +14,7 @@ from protocols.errors import InputError
 from protocols.realtime.notify import Notifier, open_notifier
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
+from protocols.telemetry.lab import advise_start
 from protocols.telemetry.session import open_consumer_session
 
 _POLL_PERIOD = 0.2  # s between checks for rows
@@ -47,10 +46,11 @@ def record(
     recover_folder(path.parent if path else Path(RUNS), tell)
     notifier = open_notifier()
     with open_consumer_session(router) as session:
-        progress("waiting for a bench; start one with: clutch-hil up")
+        progress(f"waiting for a bench; {advise_start(router)}")
         notifier.say("waits for a bench")
         notifier.be_ready()  # no row is lost from now on: the first file has the 30 s before
-        bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT, notifier)
+        patience = float("inf") if seconds is None else _BENCH_TIMEOUT
+        bench = _wait_for_bench(lambda: find_bench(session, bus, router), stop, patience, notifier)
         notifier.say(f"records bench {bench}")
         with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind, tell) as recorder:
             end = float("inf")
@@ -84,12 +84,12 @@ def _convert_rows(file: Path) -> None:
     rows.unlink()
 
 
-def _wait_for_bench(session: zenoh.Session, bus: str | None, stop: Stop, patience: float, notifier: Notifier) -> str:
-    """Wait up to `patience` [s] for a bench, and return its name. Raises InputError."""
+def _wait_for_bench(find: Callable[[], str], stop: Stop, patience: float, notifier: Notifier) -> str:
+    """Wait up to `patience` [s] until `find` returns the name of a bench, and return it. Raises InputError."""
     deadline = time.monotonic() + patience
     while True:
         try:
-            return find_bench(session, bus)
+            return find()
         except NoBenchError:
             stop.check("no bench was found; nothing was recorded")
             if time.monotonic() > deadline:

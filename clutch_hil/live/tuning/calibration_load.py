@@ -44,7 +44,7 @@ def load_calibration(
     """
     by = find_asker_name(router)
     with open_consumer_session(router) as session:
-        bench = find_bench(session, bus)
+        bench = find_bench(session, bus, router)
         rig = _check_rig(session, bench, path)
         catalogue = list_parameters(session, bench)
         controllers = list(find_rig(rig).plant.controllers)

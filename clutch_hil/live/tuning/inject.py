@@ -104,7 +104,7 @@ def run_injection(
     """Inject `values`; return document, text, verdict and True. Raises InputError."""
     by = find_asker_name(router)
     with open_consumer_session(router) as session:
-        bench = find_bench(session, bus)
+        bench = find_bench(session, bus, router)
         _check_clutches(session, bench, values)
         accepted = inject(session, bench, values, when, by)
     lines = [f"read:    {format_count(len(values), 'value')} for the plant on {find_bus(bench)}"]
@@ -157,7 +157,7 @@ def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str
     Raises InputError.
     """
     with open_consumer_session(router) as session:
-        now = read_state(session, find_bench(session, bus))
+        now = read_state(session, find_bench(session, bus, router))
     changed, planned = now["changed"], now["to_come"]
     now |= {"bench_faults": list_bench_faults(find_bus(now["bench"]).partition("~")[0])}
     rows = [("parameter", "now", "as shipped")]

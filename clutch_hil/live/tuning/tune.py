@@ -122,7 +122,7 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
         )
     by = find_asker_name(router) if any(setting) else None
     with open_consumer_session(router) as session:
-        bench = find_bench(session, bus)
+        bench = find_bench(session, bus, router)
         catalogue = list_parameters(session, bench)
         if by:
             return _set_and_describe(session, bench, parse_assignments(catalogue, arguments), by)

@@ -19,6 +19,7 @@ from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.keys import NODES
+from protocols.telemetry.lab import advise_start
 from protocols.telemetry.session import open_consumer_session
 
 _POLL_PERIOD = 0.1  # s between checks of the viewer and of signals
@@ -215,7 +216,7 @@ class LiveView:
         with open_consumer_session(self.router) as session:
             while True:
                 try:
-                    return find_bench(session, self.bus)
+                    return find_bench(session, self.bus, self.router)
                 except NoBenchError:
                     waited = time.monotonic() - began
                     closed = viewer is not None and viewer.find_exit_reason() is not None
@@ -224,7 +225,7 @@ class LiveView:
                         raise
                     if began + waited > following:
                         following += _REMINDER_PERIOD
-                        say("waiting for a bench; start one with: clutch-hil up")
+                        say(f"waiting for a bench; {advise_start(self.router)}")
                 notifier.ping()
                 time.sleep(_POLL_PERIOD)
 

@@ -19,7 +19,7 @@ from clutch_hil.live.network.lab_network import describe_roles, make_lab
 from clutch_hil.live.tuning.inject import inject
 from clutch_hil.live.tuning.tune import SilentError, request_parameters, set_parameters
 from protocols.errors import InputError
-from protocols.telemetry.feed import Feed, ask, list_benches
+from protocols.telemetry.feed import Feed, NoBenchError, ask, find_bench, list_benches
 from protocols.telemetry.keys import Keys, make_bench_name
 from protocols.telemetry.lab import check_name, choose_viewer_network, find_asker_name, read_lab
 from protocols.telemetry.message import check_description, check_requests
@@ -67,6 +67,16 @@ def peer(settings: Mapping[str, Any], path: Path) -> Iterator[zenoh.Session]:
     path.chmod(0o600)
     with open_consumer_session(str(path)) as session:
         yield session
+
+
+def test_a_bench_that_is_not_there_is_told_with_its_address_and_file(tmp_path: Path) -> None:
+    make_lab(tmp_path, ("192.0.2.7",), "ada", 2, overwrite=False)
+    viewer = str(tmp_path / "viewer.json")
+    sentence = (
+        rf"start one at 192\.0\.2\.7 with clutch-hil up --network bench\.json, the file that was made with {viewer}"
+    )
+    with open_consumer_session(viewer) as session, pytest.raises(NoBenchError, match=sentence):
+        find_bench(session, network=viewer)
 
 
 def settings_of(path: str) -> dict[str, Any]:

@@ -42,30 +42,26 @@ def run_up(bus: str, out: Path, seconds: float = SECONDS) -> Any:
     return service("up", "--bus", bus, "--rate", str(RATE), "--seconds", str(seconds), "--out", str(out), "--json")
 
 
-def test_a_bench_that_comes_between_two_looks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bench_that_comes_between_two_looks_is_found() -> None:
     looks = iter([NoBenchError("no bench publishes telemetry"), "local:new@here"])
 
-    def find_bench(session: Any, bus: str | None) -> str:
+    def find() -> str:
         look = next(looks)
         if isinstance(look, NoBenchError):
             raise look
         return look
 
-    monkeypatch.setattr(bench_recording, "find_bench", find_bench)
-    session: Any = None
-    assert bench_recording._wait_for_bench(session, None, Stop(), PATIENCE, NoNotifier()) == "local:new@here"
+    assert bench_recording._wait_for_bench(find, Stop(), PATIENCE, NoNotifier()) == "local:new@here"
 
 
-def test_who_ends_the_waiting_for_a_bench_has_no_recording(monkeypatch: pytest.MonkeyPatch) -> None:
-    def find_bench(session: Any, bus: str | None) -> str:
+def test_who_ends_the_waiting_for_a_bench_has_no_recording() -> None:
+    def find() -> str:
         raise NoBenchError("no bench publishes telemetry")
 
-    monkeypatch.setattr(bench_recording, "find_bench", find_bench)
-    session: Any = None
     stop = Stop()
     stop.asked = True
     with pytest.raises(InterruptionError, match="no bench was found; nothing was recorded"):
-        bench_recording._wait_for_bench(session, None, stop, PATIENCE, NoNotifier())
+        bench_recording._wait_for_bench(find, stop, PATIENCE, NoNotifier())
 
 
 def test_a_saved_view_that_exists_is_told_before_anything_is_recorded(tmp_path: Path) -> None:
