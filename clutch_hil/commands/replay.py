@@ -61,7 +61,12 @@ def replay(
         f"took:    {whole:.2f} s, the controller's share {answers.seconds:.2f} s",
     ]
     differs = answers.equal < answers.logged
-    if differs:
+    if differs and read.begins_late:
+        lines.append(
+            "note:    answers differ: the log begins after the start of its controller, whose state then is unknown; a new one"
+            " follows a demand only after a request for idle"
+        )
+    elif differs:
         lines.append(
             "note:    answers differ: in real time a cycle uses the frames received by then, here all frames up to its sample"
         )

@@ -142,17 +142,19 @@ class Log:
         return np.array(rows, np.int64), np.array(ends, np.int64)
 
     def is_answer(self, index: int, data: bytes) -> bool:
-        """Return whether the valve command `data` is the logged answer to sample `index`, bit for bit.
+        """Return whether the valve command `data` has the content of the logged answer to sample `index`: enable, voltage, tick.
 
-        In a log of version 1, everything that its command contains is compared: enable, voltage, tick, and the 4 bits of the
-        counter.
+        The counter is not compared: from a cycle on that the controller of the log left out, all its counters are other ones.
         """
-        logged = self.answers[index]
-        if self.version is VERSION_2:
-            return data == logged
-        valve, modulus = load_frames()["VALVE_COMMAND"], VERSION_1.counter_modulus
-        counts = valve.read_counter(data) - valve.read_counter(logged)
-        return valve.raw(data) == valve.raw(logged) and counts % modulus == 0
+        valve = load_frames()["VALVE_COMMAND"]
+        return valve.raw(data) == valve.raw(self.answers[index])
+
+    @property
+    def begins_late(self) -> bool:
+        """Whether the first logged valve command is not the first of its controller, whose state is then not known."""
+        first = min(self.answers, default=None)
+        valve = load_frames()["VALVE_COMMAND"]
+        return first is not None and valve.read_counter(self.answers[first]) != first % self.version.counter_modulus
 
     @property
     def defects(self) -> str:

@@ -70,6 +70,23 @@ def test_a_log_that_begins_in_a_run_has_no_corrupt_set_point(log: Path, tmp_path
     summary = replay_summary(part)
     assert summary["corrupt"] == 0
     assert summary["defects"] is None
+    assert "the log begins after the start of its controller, whose state then is unknown" in replay(part).stdout
+
+
+def test_a_command_that_was_left_out_changes_no_answer_after_it(log: Path, tmp_path: Path) -> None:
+    """As in real time, where a controller that woke up late answers the newest sample only: its later counters are lower."""
+    text = tmp_path / "bus.log"
+    write_log(text, SECONDS)
+    lines, valve = text.read_text().splitlines(), load_frames()["VALVE_COMMAND"]
+    at = [i for i, line in enumerate(lines) if f" {valve.can_id:03X}#" in line]
+    for i in at[1000:]:
+        head, _, data = lines[i].partition("#")
+        payload, end = bytes.fromhex(data[:16]), data[16:]
+        lines[i] = f"{head}#{valve.pack_raw(valve.read_counter(payload) - 1, *valve.raw(payload)).hex().upper()}{end}"
+    del lines[at[999]]
+    text.write_text("\n".join(lines) + "\n")
+    summary = replay_summary(text)
+    assert summary["equal"] == summary["logged"] == SECONDS * 1000 - 1
 
 
 def test_a_controller_on_a_bus_answers_the_same(log: Path, local_bus: str) -> None:
