@@ -142,9 +142,10 @@ class Log:
         return np.array(rows, np.int64), np.array(ends, np.int64)
 
     def is_answer(self, index: int, data: bytes) -> bool:
-        """Return whether the valve command `data` has the content of the logged answer to sample `index`: enable, voltage, tick.
+        """Return whether the valve command `data` says the same as the logged answer to sample `index`.
 
-        The counter is not compared: from a cycle on that the controller of the log left out, all its counters are other ones.
+        Enable, voltage and tick are compared. The counter is not: all counters after a cycle that the controller of the log
+        left out are other ones.
         """
         valve = load_frames()["VALVE_COMMAND"]
         return valve.raw(data) == valve.raw(self.answers[index])

@@ -76,7 +76,7 @@ def check_program(program: Program) -> Program:
             raise InputError(f"path {str(path)!r} cannot be in a unit; allowed are {_PLAIN}")
         if any(path.is_relative_to(folder) for folder in _TEMPORARY):
             raise InputError(
-                f"{path} is a temporary folder, which units cannot see; set up the project elsewhere, such as in /opt"
+                f"{path} is in a temporary folder, which units cannot see; set up the project elsewhere, such as in /opt"
             )
         if path.stat().st_mode & _READABLE != _READABLE:
             raise InputError(f"{path} cannot be read by the user {USER} of the units: chmod -R o+rX {path}")

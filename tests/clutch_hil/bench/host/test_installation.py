@@ -240,7 +240,7 @@ def test_wrong_input_gets_one_sentence(root: Path, arguments: tuple[str, ...], e
 def test_a_program_that_units_cannot_run_is_refused(tmp_path: Path) -> None:
     """pytest's folder is temporary."""
     (tmp_path / "deploy/systemd").mkdir(parents=True)
-    with pytest.raises(InputError, match="is a temporary folder, which units cannot see"):
+    with pytest.raises(InputError, match="is in a temporary folder, which units cannot see"):
         check_program(Program(Path(sys.executable), tmp_path, (tmp_path,)))
     with pytest.raises(InputError, match="has no deploy/systemd"):
         check_program(Program(Path(sys.executable), tmp_path / "deploy", ()))
