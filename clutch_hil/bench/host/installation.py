@@ -44,7 +44,7 @@ class Installation:
 
     @property
     def exists(self) -> bool:
-        """Return whether units are installed here."""
+        """Return whether units are installed here, or files of an earlier install were left."""
         return (self.root / NOTE).is_file()
 
     def install(
@@ -88,7 +88,7 @@ class Installation:
     def uninstall(self, purge: bool = False) -> Removal:
         """Stop the units and remove the files of `install`. purge: also remove recordings, and files changed since then.
 
-        Raises InputError.
+        The record stays while something is left, so that it can be purged later. Raises InputError.
         """
         if not self.exists:
             raise InputError(f"no units of clutch-hil are installed below {self.root}")
@@ -104,8 +104,12 @@ class Installation:
                 removed += [RECORDINGS] if self._remove_folder(RECORDINGS) else []
             else:
                 left[RECORDINGS] = f"it contains recordings of the user {USER}"
-            (self.root / NOTE).unlink()
-            removed.append(NOTE)
+            if left:  # a later purge finds it
+                remaining = {name: digest for name, digest in note["files"].items() if Path(name) in left}
+                self._write_note({**note, "files": remaining, "links": {}})
+            else:
+                (self.root / NOTE).unlink()
+                removed.append(NOTE)
             for folder in sorted(note["folders"], key=len, reverse=True):
                 with contextlib.suppress(OSError):  # the folder has other files
                     (self.root / folder).rmdir()

@@ -170,6 +170,10 @@ def test_what_others_changed_is_told_and_left_unless_purged(installed: Path) -> 
     }
     assert changed.exists()
     assert recording.exists()
+    assert run_service(installed, "status")[1]["units"] == []
+    code, document, error = run_service(installed, "uninstall", "--purge")
+    assert (code, document["left"]) == (0, {}), error
+    assert not [name for name in list_files(installed) if "clutch" in name]
 
 
 def test_purge_removes_what_was_changed_and_recorded(installed: Path) -> None:
