@@ -82,7 +82,17 @@ def check_rate(rate: int) -> int:
     """Return `rate` [Hz] if a loop can run at it. Raises InputError."""
     low, high = RATES
     if not low <= rate <= high or 1_000_000_000 % rate:
-        raise InputError(f"rate {rate} Hz is not possible; allowed are {low} to {high} Hz with a whole period in ns")
+        possible = [one for one in range(low, high + 1) if 1_000_000_000 % one == 0]
+        nearest = sorted(
+            {
+                max((one for one in possible if one < rate), default=low),
+                min((one for one in possible if one > rate), default=high),
+            }
+        )
+        raise InputError(
+            f"rate {rate} Hz is not possible; allowed are {low} to {high} Hz with a period of whole ns, such as"
+            f" {' and '.join(map(str, nearest))}"
+        )
     return rate
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.arguments import take_list, take_mapping, take_path, take_run
+from clutch_hil.bench.arguments import take_list, take_mapping, take_number, take_path, take_run
 from clutch_hil.bench.rig import find_rig_of_run
 from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.settings import select_settings
@@ -89,7 +89,13 @@ def compose_scenario(
 def take_effects(effects: Iterable[str] | Mapping[str, Values] | None) -> dict[str, Values]:
     """Return effects by name, with the values given for each. Raises InputError."""
     if isinstance(effects, Mapping):
-        return {name: take_mapping(f"effects[{name!r}]", values) for name, values in effects.items()}
+        return {
+            name: {
+                short: take_number(f"parameter {name}.{short}", value)
+                for short, value in take_mapping(f"effects[{name!r}]", values).items()
+            }
+            for name, values in effects.items()
+        }
     names = take_list("effects", () if effects is None else effects)
     if odd := next((name for name in names if not isinstance(name, str)), None):
         raise InputError(f"effects has {odd!r}; allowed are names of effects")

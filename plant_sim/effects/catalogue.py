@@ -37,7 +37,8 @@ def _load_effects(folders: str) -> dict[str, Effect]:
     catalogue: dict[str, Effect] = {}
     for folder in (_FOLDER, *(Path(part) for part in folders.split(os.pathsep) if part)):
         if not os.path.isdir(folder):
-            raise InputError(f"folder {folder} of {VARIABLE} does not exist")
+            wrong = "is a file; a folder of effect files is needed" if os.path.exists(folder) else "does not exist"
+            raise InputError(f"folder {folder} of {VARIABLE} {wrong}")
         ours = folder == _FOLDER
         for path in sorted(folder.glob("*/*.py" if ours else "*.py"), key=lambda path: path.name):
             if path.stem.startswith(("_", ".")):  # a point: the lock of an editor

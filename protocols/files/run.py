@@ -38,8 +38,9 @@ class Run:
         return len(self.columns)
 
     def __repr__(self) -> str:
-        time = self.columns.get("time_s")
-        span = f", {len(time)} samples, {time[0]:g} to {time[-1]:g} s" if time is not None and len(time) else ""
+        time = np.asarray(self.columns.get("time_s", ()))
+        timed = time.ndim == 1 and len(time) and time.dtype.kind in "fiu"
+        span = f", {len(time)} samples, {time[0]:g} to {time[-1]:g} s" if timed else ""
         return f"<Run of {self.metadata.get('rig', 'no rig')}: {len(self.columns)} columns{span}>"
 
     def with_numbers(self) -> "Run":

@@ -236,7 +236,7 @@ class Demand:
         elif not figures:
             verdict = f"not reached: no demand was held for {_SETTLING_TIME:g} s"
         else:
-            verdict = f"{'reached' if good else 'not reached'}, {figures}"
+            verdict = f"reached, {figures}" if good else f"not reached, {figures}{answer.describe_clutch()}"
         if interrupted:
             verdict = f"interrupted after {elapsed:.1f} s; {verdict}"
         length = "until stopped" if profile.duration >= LATEST_TIME else f"{profile.duration:g} s"

@@ -56,6 +56,12 @@ class Answer:
             return None
         return find_clutch_state(self.phase, self.sticking)
 
+    def describe_clutch(self) -> str:
+        """Return the end of a verdict: state of the clutch, pressure and slip at the end of a demand; "" when unknown."""
+        if self.clutch is None or self.pressure is None or self.slip is None:
+            return ""
+        return f"; at its end the clutch was {self.clutch}, with {self.pressure:.2f} bar and a slip of {self.slip:.1f} rad/s"
+
 
 class ReceivedFrames:
     """The newest frame of each kind, with its arrival time."""

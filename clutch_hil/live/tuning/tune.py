@@ -120,6 +120,9 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
         raise InputError(
             f"{arguments[setting.index(False)]!r} has no value, but other arguments have one; write it as NAME=VALUE"
         )
+    for argument in arguments:
+        if _is_number(argument):
+            raise InputError(f"{argument!r} is a number, and no name of a parameter; write NAME=VALUE to set one")
     by = find_asker_name(router) if any(setting) else None
     with open_consumer_session(router) as session:
         bench = find_bench(session, bus, router)
@@ -127,6 +130,15 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
         if by:
             return _set_and_describe(session, bench, parse_assignments(catalogue, arguments), by)
     return _show_values(catalogue, arguments)
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a word of a command is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def change_parameters(

@@ -63,6 +63,10 @@ def test_one_thing_stands_for_a_list_of_one() -> None:
         ({"plant": ["a"]}, r"plant is \['a'\]"),
         ({"plant": {1: 1.0}}, r"plant is \{1: 1.0\}"),
         ({"effects": {"internal_leakage": 1e-6}}, r"effects\['internal_leakage'\] is 1e-06"),
+        (
+            {"effects": {"internal_leakage": {"conductance": "a"}}},
+            "parameter internal_leakage.conductance is 'a'; a number is",
+        ),
         ({"effects": [3]}, "effects has 3"),
         ({"seed": True}, "seed is True"),
     ],
@@ -138,6 +142,7 @@ def test_a_run_is_asked_for_its_names_and_told_in_one_line() -> None:
     assert "y_m" not in run
     assert list(run) == ["time_s", "x_m"]
     assert repr(run) == "<Run of wet_clutch: 2 columns, 5 samples, 0 to 0.04 s>"
+    assert repr(Run({"time_s": np.array(["a", "b"])}, {})) == "<Run of no rig: 1 columns>"
     assert run == run
     assert run != Run(run.columns, run.metadata)
 

@@ -126,7 +126,7 @@ def test_injections_act_at_their_time(written) -> None:
         ("title = 'x'\n[run]\nadaptation = 'no'", "run.adaptation is 'no'; allowed is true or false"),
         (
             "title = 'x'\n[run]\nrate = 20000",
-            "rate 20000 Hz is not possible; allowed are 50 to 10000 Hz with a whole period in ns",
+            "rate 20000 Hz is not possible; allowed are 50 to 10000 Hz with a period of whole ns, such as 10000",
         ),
         ("title = 'x'\n[run]\nseed = -1", "run.seed is -1; allowed are 0 and more"),
         ("title = 'x'\n[run]\nseconds = -1", "a run of -1 s is not possible; it must last 0.1 s or more"),

@@ -215,6 +215,9 @@ def test_a_folder_that_does_not_exist_is_told(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv(VARIABLE, "/no/such/folder")
     error = run_command("effects").exception
     assert str(error) == f"folder /no/such/folder of {VARIABLE} does not exist"
+    monkeypatch.setenv(VARIABLE, __file__)
+    error = run_command("effects").exception
+    assert str(error) == f"folder {__file__} of {VARIABLE} is a file; a folder of effect files is needed"
 
 
 ENABLE = """

@@ -1,6 +1,7 @@
 """`clutch-hil demand`: a supervisor on the bus, as a process, against a real controller and plant."""
 
 import json
+import re
 import signal
 import threading
 from collections.abc import Iterator
@@ -138,6 +139,16 @@ def test_a_clutch_locks_and_is_released(bench: Running) -> None:
     assert result["last_answer"]["sticking"]
     assert abs(result["last_answer"]["slip"]) < STANDING
     assert witness.list_requests() == [IDLE, LOCK, RELEASE, IDLE]
+
+
+def test_what_the_clutch_did_is_told_of_a_demand_that_is_not_reached(bench: Running) -> None:
+    """A pressure below the least one that the controller follows."""
+    done = run_demand(bench.bus, "--pressure", "1", "--seconds", "1.5", "--json")
+    assert done.exit_code == 1
+    verdict = json.loads(done.stdout)["verdict"]
+    assert re.fullmatch(
+        r"not reached, regime error .*; at its end the clutch was \w+, with \S+ bar and a slip of \S+ rad/s", verdict
+    )
 
 
 def test_a_torque_is_reached_the_other_way_round(bench: Running) -> None:

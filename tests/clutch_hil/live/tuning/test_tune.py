@@ -364,6 +364,9 @@ def test_the_list_fits_the_terminal(bench: Running) -> None:
 
 
 def test_bad_names_and_values_are_told(bench: Running) -> None:
+    assert "'0.2' is a number, and no name of a parameter; write NAME=VALUE" in find_refusal(
+        bench, "torque.integral_gain", "0.2"
+    )
     assert "guard.pressure" in find_refusal(bench, "guard.pressure=9")
     assert "did you mean" in find_refusal(bench, "torque.proportional_gian=1")
     assert "has no value, but other arguments have one" in find_refusal(
