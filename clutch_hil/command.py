@@ -201,6 +201,12 @@ class _EndRequestedError(KeyboardInterrupt):
     """
 
 
+def _report_unraisable(error: "sys.UnraisableHookArgs") -> None:
+    """Report an exception that Python drops, as in a destructor or callback; an interruption is repeated, and not reported."""
+    if not isinstance(error.exc_value, _EndRequestedError):
+        sys.__unraisablehook__(error)
+
+
 _UsageError = cast("type[Exception]", typer.BadParameter.__base__)  # not exported by typer
 
 
@@ -342,6 +348,7 @@ def run_main(run: Callable[[], object]) -> None:
 
     _fill_streams()
     _guard_streams()
+    sys.unraisablehook = _report_unraisable
     signal.signal(signal.SIGALRM, insist)
     heeded = list_heeded_signals()
     for number in heeded:

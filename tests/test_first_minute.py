@@ -135,6 +135,31 @@ def test_an_interruption_that_a_compiler_swallows_is_no_wrong_input(kernels: lis
     assert done.stderr.strip().splitlines()[-1].startswith(last)
 
 
+IN_A_CALLBACK = """
+import ctypes, os, signal, time
+from clutch_hil.command import run_main
+from protocols.kernels.compiling import COMPILING
+
+@ctypes.CFUNCTYPE(None)
+def notify():
+    os.kill(os.getpid(), signal.SIGINT)
+
+def run():
+    COMPILING.kernels.append("move")
+    notify()
+    time.sleep(60)
+
+run_main(run)
+"""
+
+
+def test_an_interruption_in_a_callback_is_repeated_and_one_line() -> None:
+    """The compiler calls Python for each kernel that it has made."""
+    done = subprocess.run([sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 130, done.stderr
+    assert re.fullmatch("interrupted: .*\n", done.stderr)
+
+
 def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("clutch_hil.bench.services._START_TIMEOUT", 3.0)
     monkeypatch.setattr("clutch_hil.bench.services._NOTICE_DELAY", 0.5)
