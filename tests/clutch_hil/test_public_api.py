@@ -15,6 +15,16 @@ from tests.processes import PATIENCE
 SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
 
 
+def test_a_run_of_no_rig_is_read_as_it_is(tmp_path: Path) -> None:
+    """As an imported one; the rig whose columns are missing names them."""
+    time = np.arange(3) / 100.0
+    ch.write_run(ch.Run({"time_s": time, "temperature_degc": 20.0 + time}, {}), tmp_path / "oven.parquet")
+    assert list(ch.read_run(tmp_path / "oven.parquet")) == ["time_s", "temperature_degc"]
+    ch.write_run(ch.Run({"time_s": time}, {"rig": "wet_clutch"}), tmp_path / "clutch.parquet")
+    with pytest.raises(ch.InputError, match="lacks the column valve_voltage_v"):
+        ch.read_run(tmp_path / "clutch.parquet")
+
+
 def test_every_public_name_is_there() -> None:
     assert all(getattr(ch, name) is not None for name in ch.__all__)
     assert dir(ch) == sorted(ch.__all__)

@@ -3,7 +3,6 @@
 import importlib
 import json
 import sys
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from clutch_hil.discrepancy.models.named import find_model
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import read_run
+from tests.packages import lay_out
 from tests.processes import play_here
 
 FOLDER = Path(__file__).parents[3] / "docs" / "examples" / "small_clutch"
@@ -31,14 +31,7 @@ POWER = 50.0  # W: 5 Nm at 10 rad/s
 def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The rig's package as pip would install it: its module, and its entry points from its own pyproject.toml."""
     site = tmp_path_factory.mktemp("site")
-    project = tomllib.loads((FOLDER / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    metadata = site / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
-    points = project["entry-points"][GROUP]
-    lines = [f"[{GROUP}]", *(f"{name} = {place}" for name, place in points.items())]
-    (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n")
-    (site / "small_clutch.py").symlink_to(FOLDER / "small_clutch.py")
+    lay_out(FOLDER, site)
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.setenv("PYTHONPATH", str(site))
     yield
