@@ -26,6 +26,7 @@ from protocols.realtime.beat import Beat
 from protocols.realtime.clock import Clock
 
 _OIL_TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
+STEPS = ("take", "show", "advance")  # methods that make a sample
 NO_SETPOINTS = np.zeros((0, 5, 0))  # set-points without a profile: no clutch has a table, see `Interface`
 
 
@@ -38,9 +39,18 @@ class PlantNode(Interface):
 
     A step returns the frames of the present tick and then advances the rig by one period. Commands given to a step act from its
     tick on, so a command that answers tick k acts from tick k + 1.
+
+    A subclass may replace the steps `take`, `show` and `advance`, and append to `columns`: its `show` then fills the last
+    entries of `record`. Its samples are made in Python, one by one.
     """
 
     columns = COLUMNS
+    _compiled = True  # whether compiled calls do all steps of this class
+
+    def __init_subclass__(cls) -> None:
+        """Note whether a subclass has steps or columns of its own, which compiled calls would pass over."""
+        super().__init_subclass__()
+        cls._compiled = all(getattr(cls, name) is getattr(PlantNode, name) for name in ("columns", *STEPS))
 
     def __init__(
         self,
@@ -88,7 +98,7 @@ class PlantNode(Interface):
         time = self.tick * self._period
         self._update_rig(time)
         sent = self._show(0, self._rig, self._state, sent)
-        note_sample(self.record, time, self._interfaces, self._state.y, *self._rig.phase_pressures)
+        note_sample(self.record[: len(COLUMNS)], time, self._interfaces, self._state.y, *self._rig.phase_pressures)
         return self._pass_samples(sent)
 
     def advance(self) -> None:
@@ -99,7 +109,10 @@ class PlantNode(Interface):
     def steady(self) -> bool:
         """See `Interface`."""
         return (
-            self.tick >= 0 and self._schedule.make_constant_rig(self._now) is self._rig and self.bus.is_clear(self._now)
+            self._compiled
+            and self.tick >= 0
+            and self._schedule.make_constant_rig(self._now) is self._rig
+            and self.bus.is_clear(self._now)
         )
 
     def run_real_time(self, line: Exchange, beat: Beat, changes: int, owed: int) -> int:

@@ -126,7 +126,8 @@ class NodeBench:
 
     def _note_sample(self, row: Any, time: float, interfaces: Any, y: Any, *pressures: Any) -> None:
         node = self.node
-        assert row is node.record
+        assert row.base is node.record
+        assert row.shape == node.record.shape
         assert interfaces is node._interfaces
         assert y is node._state.y
         self.log.append(("note", time, *pressures))

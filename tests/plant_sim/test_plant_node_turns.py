@@ -169,6 +169,25 @@ def test_a_plant_is_steady_while_its_bus_is_clear(plant_node: ModuleType) -> Non
     assert asked == [4 * PERIOD, 4 * PERIOD]
 
 
+@pytest.mark.parametrize("own", ["take", "show", "advance", "columns"])
+def test_a_subclass_with_a_part_of_its_own_is_never_steady(plant_node: ModuleType, own: str) -> None:
+    bench = NodeBench(plant_node)
+    bench.show(2)
+    for parts, steady in (({}, True), ({own: object()}, False)):
+        bench.node._compiled = type("Own", (plant_node.PlantNode,), parts)._compiled
+        assert bench.node.steady is steady
+
+
+def test_a_row_of_more_columns_is_filled_from_its_start(plant_node: ModuleType) -> None:
+    rows = list[Any]()
+    bench = NodeBench(plant_node)
+    plant_node.note_sample = lambda row, *_: rows.append(row)  # type: ignore[attr-defined]
+    bench.node.record = np.zeros(len(plant_node.COLUMNS) + 2)
+    bench.show()
+    assert rows[0].base is bench.node.record
+    assert len(rows[0]) == len(plant_node.COLUMNS)
+
+
 def test_a_profile_is_at_its_end_with_the_sample_at_its_last_row(plant_node: ModuleType) -> None:
     node = NodeBench(plant_node, profile=MadeUpProfile(0.5)).node
     for tick, finished in ((-1, False), (0, False), (254, False), (255, True), (256, True), (1000, True)):

@@ -2,6 +2,8 @@
 
 import importlib
 import json
+import os
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,7 +35,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
     site = tmp_path_factory.mktemp("site")
     lay_out(FOLDER, site)
     monkeypatch.syspath_prepend(str(site))
-    monkeypatch.setenv("PYTHONPATH", str(site))
+    monkeypatch.setenv("PYTHONPATH", str(site), prepend=os.pathsep)
     yield
     find_rig.cache_clear()
 
@@ -216,6 +218,28 @@ def test_a_model_that_fails_is_told(broken: str) -> None:
 def test_a_picture_that_fails_is_told(broken: str) -> None:
     with pytest.raises(InputError, match=broken):
         draw_run(Run({"time_s": np.zeros(3)}, {"rig": "broken"}))
+
+
+PAGE = (FOLDER.parents[1] / "add_a_rig.md").read_text(encoding="utf-8")
+(POWER_NODE,) = re.findall(r"```python\n(class PowerNode.*?)```", PAGE, re.DOTALL)
+OWN_NODE = (
+    'PLANT = PlantRig(\n    name="broken",\n    node=PlantNode,',
+    f'from protocols.node import Column\n\n{POWER_NODE}\nPLANT = PlantRig(\n    name="broken",\n    node=PowerNode,',
+    "",
+)
+
+
+@pytest.mark.parametrize("broken", [OWN_NODE], indirect=True)
+def test_a_node_of_ones_own_has_its_columns_and_the_same_plant(broken: str, tmp_path: Path) -> None:
+    """Its steps are done: compiled calls would pass over them."""
+    scenario = choose_scenario(None, {"out": tmp_path, "seconds": 1.0}, "broken")
+    columns = Simulation(scenario).play(scenario.plant, 1).make_columns()
+    power = columns.pop("truth_friction_power_w")
+    np.testing.assert_array_equal(power, columns["truth_clutch_torque_nm"] * columns["truth_slip_speed_rad_s"])
+    assert power.max() > 0.5 * POWER  # of 1 s, in which the torque still rises
+    small = choose_scenario(None, {"out": tmp_path, "seconds": 1.0}, "small_clutch")
+    for name, values in Simulation(small).play(small.plant, 1).make_columns().items():
+        np.testing.assert_array_equal(columns[name], values, name)
 
 
 def test_a_rig_of_two_packages_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
