@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.bench.figures import draw_run
+from clutch_hil.bench.pictures.figures import draw_run
 from clutch_hil.bench.rig import GROUP, find_rig, list_rigs
 from clutch_hil.bench.scenario import choose_scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
@@ -212,7 +212,13 @@ def test_a_model_that_fails_is_told(broken: str) -> None:
 
 @pytest.mark.parametrize(
     "broken",
-    [("clutch_hil.bench.picture:make_run_sheet", "broken:load_nominal", "rig broken: the picture .*TypeError")],
+    [
+        (
+            "clutch_hil.bench.pictures.picture:make_run_sheet",
+            "broken:load_nominal",
+            "rig broken: the picture .*TypeError",
+        )
+    ],
     indirect=True,
 )
 def test_a_picture_that_fails_is_told(broken: str) -> None:
