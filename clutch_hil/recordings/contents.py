@@ -11,9 +11,10 @@ from clutch_hil.recordings.channel import NO_VALUES, TIME_NAMES, Channel, Record
 from clutch_hil.recordings.foreign_column import UNITS, can_become, is_absolute, offset_air
 from clutch_hil.recordings.stated_rate import list_stated_rates
 from clutch_hil.recordings.time_axis import EPOCH_S
-from clutch_hil.recordings.unit_in_name import hint_unit
+from clutch_hil.recordings.unit_in_name import hint_unit, is_known
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
+from protocols.files.units import contradict
 
 _NO_UNIT = "  # the file states no known unit: set unit, and the ending of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
@@ -84,12 +85,16 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             continue
         hinted = _take_hint(channel)
         unit = simplify_unit(channel.unit or hinted)
-        end = _find_ending(unit)
+        turns = _counts_turns(unit)
+        end = "rad_s" if turns else _find_ending(unit)
         stem = hint_unit(channel.name)[0] if hinted else channel.name
         name = _choose_unused_name(_simplify_name(stem), end or "1", names)
         names.add(name)
         entry = _make_reference(channel, recording) + _make_unit_entry(channel, hinted or "1")
         remark = "  # unit taken from its name" if hinted else "" if end else _NO_UNIT
+        if turns:
+            entry += ', unit = "rpm"'
+            remark = f"  # {_format_comment(channel.unit)} in the file: turns, perhaps; else name it _hz, without unit"
         if end == "bar" and is_absolute(channel):
             entry += f", offset = {offset_air(unit):.5g}"
             remark = "  # absolute, by its name or unit: the offset subtracts the air pressure"
@@ -206,6 +211,11 @@ def _find_ending(unit: str) -> str:
         except InputError:
             return ""
     return ""
+
+
+def _counts_turns(unit: str) -> bool:
+    """Return whether `unit` is 1/min in any notation, in which DIN and ISO give speeds of rotation."""
+    return bool(unit) and is_known(unit) and not contradict(unit, "1/min")
 
 
 def _simplify_name(name: str) -> str:

@@ -31,6 +31,8 @@ _SAME_NUMBER = 1e-6  # relative tolerance of equal numbers, for a file with 32-b
 _AIR_PA = 101325.0  # Pa, the standard atmosphere (ISO 2533)
 _WORK = re.compile(r"(?<![A-Za-z])([kMm]?(J|Wh|cal|eV)|[kMm]?W\W?s|BTU)(?![A-Za-z])|joule")  # units of work (energy)
 _FEW_STATES = 32  # largest number of different integers in a column without unit that counts as a status
+# Units of a speed of rotation, one of which replaces 1/min, 1/s or Hz of a file, in words
+_TURNS = {"rpm": "turns a minute", "rps": "turns a second", "krpm": "thousands of turns a minute"}
 # End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
 UNITS = {
     "s": "s", "v": "V", "rad": "rad", "rad_s": "rad/s", "bar": "bar", "degc": "degC", "nm": "Nm", "n": "N", "m": "m",
@@ -290,8 +292,10 @@ def choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, 
         if source.unit and isclose(to_si(1.0, source.unit), tau * to_si(1.0, written)):
             notes.append(f"{turns}, by the map")
             return source.unit
+        same = next((one for one in _TURNS if isclose(to_si(1.0, one), tau * to_si(1.0, written))), "")
+        remedy = f"unit = {same!r}" if same else "unit, unit_from = 'map' and scale"
         raise InputError(
-            f"recording {path}: {turns}, or something else; set unit = 'rpm' where these are turns a minute"
+            f"recording {path}: {turns}, or something else; set {remedy} where these are {_TURNS.get(same, 'turns')}"
         )
     if not fits:
         raise InputError(

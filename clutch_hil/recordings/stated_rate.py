@@ -35,7 +35,7 @@ _UNKNOWN_SECONDS = [1.0, 1e-3, 1e-6]  # possible units of a period without unit,
 # A number with its unit in one text: oscilloscopes write rates as 2.5MSa/s
 _VALUE = re.compile(
     r"(?P<number>[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*"
-    r"(?:(?P<prefix>[kKMG]?)(?:Hz|S(?:a|amples?)?/s(?:ec)?)|(?P<period>[munµ]?[sS]|m?sec))"
+    r"(?:(?P<prefix>[kKMG]?)(?:Hz|SPS|S(?:a|amples?)?/s(?:ec)?)|(?P<period>[munµ]?[sS]|m?sec))"
 )
 _VALUES = (1e-30, 1e30)  # range of rates and periods
 _SAME = 0.01  # relative tolerance of a rate, for errors of a clock and rounded numbers

@@ -23,6 +23,9 @@ _FLAGS = {
     **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero"), 1.0),
     **dict.fromkeys(("false", "no", "off", "falsch", "nein", "aus", "faux", "non", "falso"), 0.0),
 }
+# The same in one letter, which may mean anything else where its opposite does not occur
+_INITIALS = {"y": 1.0, "j": 1.0, "t": 1.0, "n": 0.0, "f": 0.0}
+_PAIRS_OF_INITIALS = ({"y", "n"}, {"j", "n"}, {"t", "f"})
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{1,16}")  # of 64 bits
 _UNIT = r"[^\W\d_%°][\w%/·*.^-]{0,11}|[%°][A-Za-z]{0,2}"  # behind a number
 _LONGEST_WITH_UNIT = 40  # characters of a number with its unit
@@ -98,6 +101,14 @@ class Cells:
     def is_flag(self, cell: str) -> bool:
         return cell.lower() in _FLAGS
 
+    def is_initial(self, cell: str) -> bool:
+        """Whether the cell is a flag in one letter, in a column of these."""
+        return cell.lower() in _INITIALS
+
+    def are_initials(self, cells: Sequence[str]) -> bool:
+        """Whether the cells are both flags of a pair, such as Y and N, and nothing else."""
+        return {cell.lower() for cell in cells} in _PAIRS_OF_INITIALS
+
     def read_number(self, cell: str) -> float:
         """The number in a cell, not-a-number where it holds none."""
         return float(self.parse(pa.array([cell])).values[0])
@@ -143,8 +154,9 @@ class Cells:
     def parse_flags(self, column: pa.Array) -> Parsed:
         """The values of a column of true and false, 1 and 0."""
         text = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-        names = pa.array(list(_FLAGS))
-        numbers = pa.array([f"{value:.0f}" for value in _FLAGS.values()])
+        flags = _FLAGS | _INITIALS
+        names = pa.array(list(flags))
+        numbers = pa.array([f"{value:.0f}" for value in flags.values()])
         return self.parse(pc.coalesce(pc.take(numbers, pc.index_in(text, names)), text))
 
     def _simplify_marks(self, text: pa.Array) -> pa.Array:

@@ -59,6 +59,8 @@ def _judge(present: Sequence[str], rows: int, cells: Cells) -> Column:
         return Column("text", hexadecimal=True)
     if numbers < len(present) and all(cells.is_flag(value) or value in ("0", "1") for value in present):
         return Column("status")
+    if cells.are_initials(present):
+        return Column("status")
     if 2 * numbers >= len(present) and (numbers == len(present) or 2 * len(present) > rows):
         return Column("number")
     if unit := _find_unit(present, cells):
@@ -128,7 +130,9 @@ def _fits(cell: str, column: Column, cells: Cells) -> bool:
         return cells.is_hexadecimal(cell)
     if column.unit:
         return cells.split_unit(cell)[1] == column.unit
-    return column.choose_cells(cells).is_number(cell) or (column.kind == "status" and cells.is_flag(cell))
+    return column.choose_cells(cells).is_number(cell) or (
+        column.kind == "status" and (cells.is_flag(cell) or cells.is_initial(cell))
+    )
 
 
 def _may_be_hexadecimal(present: Sequence[str], cells: Cells) -> bool:

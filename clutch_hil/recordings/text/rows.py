@@ -15,14 +15,23 @@ from protocols.errors import InputError, format_count
 
 _DAMAGED_SHARE = 0.01  # of the rows: more are no damage but another layout than was found
 _LEAD = 200  # bytes that tell of a first line how it begins
+_MOST_HEAD = 100  # lines above the rows in which the name of their channel is looked for
+_CHANNEL = re.compile(
+    r"\W*(?P<key>channel|kanal|source|trace|signal|curve)(\s?(name|no|number))?\s*[:=]\s*(?P<name>\S.*?)\s*",
+    re.IGNORECASE,
+)
 _BLANKS = re.compile(rb"[ \t]+")
 _ENDS = re.compile(rb"(?m)^\t|\t$")
 
 
 @dataclass
 class Rows:
-    """What was left out: lines by reason; and of damaged rows the first line and its text."""
+    """What was left out: lines by reason; and of damaged rows the first line and its text.
 
+    channels: the channel that a line above the rows names, `CHANNEL:CH1` of Hantek, by `channel`, `source` or similar.
+    """
+
+    channels: dict[str, str] = field(default_factory=dict)
     comments: int = 0
     empty: int = 0
     zeros: int = 0
@@ -38,6 +47,16 @@ class Rows:
         if not self.damaged or line < self.first:
             self.first, self.text, self.wrong = line, text, wrong
         self.damaged += 1
+
+    def check_channel(self, path: Path, line: int, text: str) -> None:
+        """Raise InputError for a comment between the rows that names another channel than the one above all rows."""
+        named = _CHANNEL.fullmatch(text)
+        above = self.channels.get(named["key"].lower(), "") if named else ""
+        if named and above not in ("", named["name"]):
+            raise InputError(
+                f"recording {path} has rows of another channel below {show(text.strip())} in line {line}, above are those of"
+                f" {above!r}; split the file there"
+            )
 
     def list_notes(self, path: Path, rows: int) -> list[str]:
         """What was left out, a sentence each. Raises InputError where it is too much."""
@@ -72,6 +91,9 @@ def read_rows(
 ) -> Iterator[tuple[pa.Table, Callable[[int], int]]]:
     """Tables with the columns `wanted`, numbers from 1, as text; and a function from a row of the table to its line."""
     left_out.width = len(layout.columns)
+    head = file.head[: find_end_of_lines(file.head, min(layout.first - 1, _MOST_HEAD))].decode("utf-8", "replace")
+    named = filter(None, map(_CHANNEL.fullmatch, head.split("\n")))
+    left_out.channels = {match["key"].lower(): match["name"] for match in named}
     for block in file.read_blocks():
         part = _cut(block, layout.first, layout.last)
         if part.text:
@@ -94,7 +116,7 @@ def _cut(block: Block, first: int, last: int) -> Block:
 def _parse(
     path: Path, block: Block, layout: Layout, wanted: Sequence[int], left_out: Rows
 ) -> tuple[pa.Table, Callable[[int], int]]:
-    text, kept = _drop_others(block, layout, left_out)
+    text, kept = _drop_others(path, block, layout, left_out)
     delimiter = layout.delimiter
     if delimiter == RUNS:
         text, delimiter = _ENDS.sub(b"", _BLANKS.sub(b"\t", text)), "\t"
@@ -139,7 +161,7 @@ def _parse(
     return table, find_line
 
 
-def _drop_others(block: Block, layout: Layout, left_out: Rows) -> tuple[bytes, list[int] | None]:
+def _drop_others(path: Path, block: Block, layout: Layout, left_out: Rows) -> tuple[bytes, list[int] | None]:
     """The rows of a block, and their lines where these do not simply follow each other."""
     text, delimiter = block.text, layout.delimiter
     mark = b"" if delimiter == RUNS else delimiter.encode()
@@ -164,6 +186,7 @@ def _drop_others(block: Block, layout: Layout, left_out: Rows) -> tuple[bytes, l
             left_out.empty += 1
         elif line.lstrip()[:1] in (b"#", b"%", b"/") and COMMENT.match(line.decode("utf-8", "replace")):
             left_out.comments += 1
+            left_out.check_channel(path, number, line.decode("utf-8", "replace"))
         elif line.startswith(firsts) and layout.headings.is_repeated_by(
             split(line.decode("utf-8", "replace"), delimiter)
         ):

@@ -1,7 +1,9 @@
 """Numbers above the rows of a text file: single ones with a name, such as a sampling rate, and factors of columns."""
 
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
 
 from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling
@@ -15,12 +17,19 @@ _NEAREST = 4  # lines above the rows in which numbers can stand beside the names
 _REMARK = re.compile(
     r"\s*(?P<key>[^:=;\t]{1,80}?)\s*(?:[:=;,\t]\s*){1,2}(?:[A-Za-z]\w{0,20}:\s*(?=[0-9.+-]))?(?P<value>\S.*?)[\s;,]*"
 )
+_DIGITS = r"[0-9.]+(?:[eE][+-]?[0-9]+)?"
 # Other rates and periods: `"Sample Rate","100.000","Hz"` of MoTeC, `Sample period 10 ms`, `10 msec/sample` of Biopac
 _PARTED = re.compile(
-    r'[\s"]*(?P<key>[^"=;,\t]{1,80})"?[;,\t]"?(?P<value>[0-9.]+)"?[;,\t]"?(?P<unit>[A-Za-zµ/]{1,8})[\s";,]*'
+    rf'[\s"]*(?P<key>[^"=;,\t]{{1,80}})"?[;,\t]"?(?P<value>{_DIGITS})"?[;,\t]"?(?P<unit>[A-Za-zµ/]{{1,8}})[\s";,]*'
 )
 _SPACED = re.compile(r"\s*(?P<key>[^\d:=;,\t]{2,80}?)\s+(?P<value>[0-9.]+)\s*(?P<unit>[A-Za-zµ/]{1,8})\W*")
 _OF_A_SAMPLE = re.compile(r"\s*(?P<value>[0-9.]+)\s*(?P<unit>[munµ]?s(ec)?)\s*/\s*(?P<key>sample)\W*", re.IGNORECASE)
+# A rate alone in its line, `100 Hz`; and one in a sentence, `sampled at 100 Hz`, `one sample every 10 ms`
+_ALONE = re.compile(rf"\W*(?P<value>{_DIGITS})\s*(?P<unit>[kKM]?(?:Hz|SPS|S(?:a|amples)?/s(?:ec)?))\W*")
+_SENTENCE = re.compile(
+    rf".*\bsampl(?:es?|ed|ing)\s+(?:at|with|every)\s+(?P<value>{_DIGITS})\s*(?P<unit>[A-Za-zµ/]{{1,9}})\W*",
+    re.IGNORECASE,
+)
 _ENTRY = re.compile(
     r"(?P<key>[A-Za-z]\w*)\s*=\s*(?P<value>[^\sA-Za-z]+(?:[eE][^\sA-Za-z]+)?)s?"
 )  # in a cell, of seconds perhaps
@@ -62,20 +71,35 @@ def list_common(rows: Iterable[Sequence[str]], cells: Cells) -> dict[str, float]
 
 
 def list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
-    """Numbers of lines such as `Sample rate [Hz]: 100`."""
+    """Numbers of lines such as `Sample rate [Hz]: 100`, and of lines of JSON, `{"dt": 0.01}`."""
     numbers: dict[str, float] = {}
     for line in lines[:_MOST_REMARKS]:
         text = line.text[:_LONGEST_REMARK]
+        if line.text.lstrip().startswith("{"):
+            numbers |= _list_members(line.text)
         for other in filter(None, (pattern.fullmatch(text) for pattern in (_PARTED, _SPACED, _OF_A_SAMPLE))):
             key = "sample interval" if other["key"] == "sample" else other["key"]
             if rate := split_value(key, f"{other['value']} {other['unit']}"):
                 numbers[rate[0]] = rate[1]
+        if bare := _ALONE.fullmatch(text) or _SENTENCE.fullmatch(text):
+            key = "sample interval" if bare["unit"][-1] in "sc" and "/" not in bare["unit"] else "sample rate"
+            if rate := split_value(key, f"{bare['value']} {bare['unit']}"):
+                numbers.setdefault(*rate)
         match = _REMARK.fullmatch(text)
         if match and cells.is_number(value := match["value"].strip('"')):
             numbers[match["key"].strip(' "')] = cells.read_number(value)
         elif match and (rate := split_value(match["key"].strip(' "'), match["value"].strip('"'))):
             numbers[rate[0]] = rate[1]
     return numbers
+
+
+def _list_members(text: str) -> dict[str, float]:
+    """Numbers of an object of JSON in one line, by name; none where it is no such object."""
+    try:
+        members = json.loads(text, parse_int=float)
+    except (ValueError, RecursionError):
+        return {}
+    return {name: value for name, value in members.items() if isinstance(value, float) and isfinite(value)}
 
 
 def take_numbers_beside(

@@ -236,7 +236,9 @@ def test_the_rate_above_rows_of_other_cells_is_compared(tmp_path: Path, head: st
     "head",
     [
         "10 msec/sample", '"Sample Rate","100.000","Hz"', "Sample period 10 ms", "Samples per second: 100", "Abtastrate;100;Hz",
-        "Aufzeichnungsintervall: 10 ms", "Intervall [ms];10", "Fréquence d'échantillonnage : 100 Hz",
+        "Aufzeichnungsintervall: 10 ms", "Intervall [ms];10", "Fréquence d'échantillonnage : 100 Hz", "100 Hz", "# 0.1 kHz",
+        "100 SPS", "sampled at 100 Hz", "one sample every 10 ms", "Increment,1.0e-02,s", '# {"dt": 0.01}',
+        '{"sample_rate": 100, "rig": {"name": "7"}}',
     ],
 )  # fmt: skip
 def test_a_rate_in_the_words_of_other_tools_is_compared(tmp_path: Path, head: str) -> None:

@@ -155,3 +155,18 @@ def test_digits_from_0_to_f_are_asked_about(tmp_path: Path) -> None:
     assert "perhaps hexadecimal" in find_refusal(tmp_path, make_status(cells), columns=STATUS)
     run = read(tmp_path, make_status(cells), 'hexadecimal = "status"', STATUS)
     np.testing.assert_array_equal(run["status_1"], np.arange(len(TIME)) % 16)
+
+
+@pytest.mark.parametrize(("one", "zero"), [("Y", "N"), ("J", "N"), ("t", "f")])
+def test_a_column_of_both_initials_is_a_flag(tmp_path: Path, one: str, zero: str) -> None:
+    flags = np.arange(60) // 20 % 2
+    run = read(tmp_path, make_status([one if flag else zero for flag in flags]), columns=STATUS)
+    np.testing.assert_array_equal(run["status_1"], flags)
+
+
+@pytest.mark.parametrize("letters", ["N", "Y", "PND", "NT"])
+def test_a_letter_without_its_opposite_is_no_flag(tmp_path: Path, letters: str) -> None:
+    content = make_status([letters[row // 20 % len(letters)] for row in range(60)])
+    assert f"'status' for status_1 holds text, such as {letters[0]!r}" in find_refusal(
+        tmp_path, content, columns=STATUS
+    )

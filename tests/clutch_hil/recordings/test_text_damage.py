@@ -344,3 +344,14 @@ def test_a_table_with_other_columns_above_is_told_apart(tmp_path: Path, names: s
 def test_a_small_table_above_the_names_is_none(tmp_path: Path) -> None:
     calibration = "".join(f"{k},{2.5 * k}\n" for k in range(9))
     assert_right(read(tmp_path, "Calibration\n" + calibration + make_table()))
+
+
+@pytest.mark.parametrize("mark", ["#", "# ", "% "])
+def test_rows_of_another_channel_below_are_refused(tmp_path: Path, mark: str) -> None:
+    head = "{0}CHANNEL:{1}\n{0}CLOCK=10.0mS\n{0}SIZE=60\n{0}UNITS:V\n\n"
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\nvalve_voltage_v = { number = 1, unit = "V" }\n'
+    rows = "".join(f"{value}\n" for value in TORQUE)
+    one, other = (head.format(mark, channel) + rows for channel in ("CH1", "CH2"))
+    sentence = find_refusal(tmp_path, one + "\n\n" + other, columns=columns)
+    assert f"has rows of another channel below '{mark}CHANNEL:CH2' in line 68, above are those of 'CH1'" in sentence
+    np.testing.assert_allclose(read(tmp_path, one, columns=columns)["valve_voltage_v"], TORQUE)

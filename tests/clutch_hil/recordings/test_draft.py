@@ -1,0 +1,39 @@
+"""Drafts of import maps: the unit that a column of a run gets, and the import by the draft as it is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.recordings.contents import draft_map
+from clutch_hil.recordings.format import open_recording
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
+from tests.clutch_hil.recordings.text_files import SPEED, make_table
+
+RPM = np.pi / 30.0  # rad/s
+
+
+@pytest.mark.parametrize("unit", ["1/min", "min-1", "min^-1", "/min", "rpm", "U/min"])
+def test_a_draft_makes_a_speed_of_turns_in_a_minute(tmp_path: Path, unit: str) -> None:
+    file = tmp_path / "recording.csv"
+    file.write_text(make_table(header=f"time,torque [Nm],speed [{unit}]"))
+    draft = draft_map(file, open_recording(file, {}))
+    np.testing.assert_allclose(import_by(tmp_path, file, draft)["speed_rad_s"], RPM * SPEED, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "remedy"),
+    [
+        ("1/min", "set unit = 'rpm' where these are turns a minute"),
+        ("Hz", "set unit = 'rps' where these are turns a second"),
+        ("kHz", "set unit, unit_from = 'map' and scale where these are turns"),
+    ],
+)
+def test_a_frequency_for_a_speed_is_refused_with_a_unit_that_fits(tmp_path: Path, unit: str, remedy: str) -> None:
+    file = tmp_path / "recording.csv"
+    file.write_text(make_table(header=f"time,torque [Nm],speed [{unit}]"))
+    columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nspeed_rad_s = { from = "speed" }\n'
+    assert remedy in find_refusal(tmp_path, file, columns)
+    if unit == "Hz":
+        run = import_by(tmp_path, file, columns.replace('"speed"', '"speed", unit = "rps"'))
+        np.testing.assert_allclose(run["speed_rad_s"], 2.0 * np.pi * SPEED, rtol=1e-12)
