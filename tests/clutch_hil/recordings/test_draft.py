@@ -1,5 +1,6 @@
 """Drafts of import maps: the unit that a column of a run gets, and the import by the draft as it is."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,14 @@ import pytest
 
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
-from tests.clutch_hil.recordings.maps import find_refusal, import_by
-from tests.clutch_hil.recordings.text_files import SPEED, make_table
+from protocols.files.runs import REQUIRED
+from tests.clutch_hil.recordings.maps import find_refusal as find_map_refusal
+from tests.clutch_hil.recordings.maps import import_by
+from tests.clutch_hil.recordings.text_files import (
+    SPEED,
+    make_rows,
+    make_table,
+)
 
 RPM = np.pi / 30.0  # rad/s
 
@@ -33,7 +40,28 @@ def test_a_frequency_for_a_speed_is_refused_with_a_unit_that_fits(tmp_path: Path
     file = tmp_path / "recording.csv"
     file.write_text(make_table(header=f"time,torque [Nm],speed [{unit}]"))
     columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nspeed_rad_s = { from = "speed" }\n'
-    assert remedy in find_refusal(tmp_path, file, columns)
+    assert remedy in find_map_refusal(tmp_path, file, columns)
     if unit == "Hz":
         run = import_by(tmp_path, file, columns.replace('"speed"', '"speed", unit = "rps"'))
         np.testing.assert_allclose(run["speed_rad_s"], 2.0 * np.pi * SPEED, rtol=1e-12)
+
+
+def test_a_draft_makes_no_time_of_another_column(tmp_path: Path) -> None:
+    file = tmp_path / "no time.csv"
+    file.write_text(make_rows("position [mm],torque [Nm]", "0,1", "2,3", "4,5"), encoding="utf-8")
+    draft = draft_map(file, open_recording(file))
+    assert "\ntime_s" not in draft
+    assert '# time_s = { from = ""' in draft
+    assert 'position_m = { from = "position" }' in draft
+
+
+def test_a_draft_names_the_columns_of_a_wet_clutch_that_it_lacks(tmp_path: Path) -> None:
+    file = tmp_path / "rig.csv"
+    file.write_text(make_rows("time [s],clutch torque [Nm]", "0,1", "1,3", "2,5"), encoding="utf-8")
+    draft = draft_map(file, open_recording(file))
+    assert 'clutch_torque_nm = { from = "clutch torque" }' in draft
+    *_, names, instead = draft.splitlines()
+    assert "formula" in instead
+    lacking = names.removeprefix("# ").split(", ")
+    assert lacking == [name for name in REQUIRED if name not in ("time_s", "clutch_torque_nm")]
+    tomllib.loads(draft)

@@ -12,24 +12,31 @@ from typer.testing import CliRunner
 
 from clutch_hil.command import make_application
 from clutch_hil.commands.import_recording import register
-from clutch_hil.recordings.channel import simplify_unit
 from clutch_hil.recordings.import_map import MAPS, load_map
 from protocols.errors import InputError
 from protocols.files import runs
 from protocols.files.run import Run
 from protocols.files.runs import REQUIRED, read_run
-from protocols.files.units import to_si
-from tests.clutch_hil.recordings.maps import find_refusal as find_map_refusal
-from tests.clutch_hil.recordings.maps import import_by
 from tests.processes import play_here
 
 SAMPLES = 400
+
+
 PERIOD = 1e-3  # s
+
+
 LOW = 1e-3  # relative: what a low pass at 100 Hz leaves of 300 Hz and takes of 5 Hz
 
+
 TIME = PERIOD * np.arange(SAMPLES)
+
+
 FOREIGN: dict[str, Any] = {"t": TIME, "qm": np.sin(2 * np.pi * 5.0 * TIME), "vir": np.cos(TIME), "gtau": 35.0}
+
+
 FOUND = "text in utf-8, ',' between cells, '.' as decimal mark"
+
+
 COLUMNS = """
 [columns]
 time_s = { from = "t", unit = "s" }
@@ -55,29 +62,6 @@ def find_refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
         read_mapped(tmp_path, text, **changed)
     assert "\n" not in str(refused.value)
     return str(refused.value)
-
-
-# --- units and statuses -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("written", "unit"),
-    [
-        ("C", "degC"), ("[Grad C]", "degC"), ("Volt", "V"), ("Amps", "A"), ("Bar", "bar"), ("PSI", "psi"),
-        ("RPM", "rpm"), ("U/min", "rpm"), ("rev/min", "rpm"), ("Grad", "deg"), ("Degrees", "deg"), ("Grad/s", "deg/s"),
-        ("N-m", "Nm"), ("Prozent", "%"), ("m/s2", "m/s^2"), ("m3/h", "m^3/h"), ("KN", "kN"), ("(kPa)", "kPa"), ("Kpa", "kPa"),
-        ("sec", "s"), ("--", "1"), ("bar(g)", "bar"), ("barg", "bar"), ("PSIG", "psi"), ("mBar", "mbar"), ("DegC", "degC"),
-        ("°c", "degC"), ("deg F", "degF"), ("ft-lb", "ft*lbf"), ("Newtonmeter", "Nm"), ("Rad/s", "rad/s"), ("min-1", "1/min"),
-        ("%%", "%"), ("秒", "s"), ("N・m", "Nm"),
-    ],
-)  # fmt: skip
-def test_spellings_of_tools_and_languages_are_known(written: str, unit: str) -> None:
-    assert to_si(1.0, simplify_unit(written)) == to_si(1.0, unit)
-
-
-@pytest.mark.parametrize("unit", ["mbar", "Nm", "mPa", "MPa", "mV", "kN", "us", "degC", "rad/s", "1/min", "foo", "min"])
-def test_other_units_stay_as_they_are(unit: str) -> None:
-    assert simplify_unit(unit) == unit
 
 
 def test_a_gear_with_a_missing_sample_is_held(tmp_path: Path) -> None:
@@ -400,69 +384,3 @@ def test_volts_of_a_sensor_are_bar_by_scale_and_offset(tmp_path: Path) -> None:
     assert read_mapped(tmp_path, columns)["position_m"] == pytest.approx(1e-3 * (2.0 * FOREIGN["qm"] - 1.0))
     sentence = find_refusal(tmp_path, COLUMNS.replace('"mm"', '"mm", offset = "much"'))
     assert "position_m.offset is 'much'" in sentence
-
-
-# --- groups with a time each ------------------------------------------------------------------------------------------
-
-
-def write_groups(tmp_path: Path, kind: str, slow_time: np.ndarray, unit: str = "") -> Path:
-    """Torque over `fast/time`, and speed, twice the time, over `slow/time`, which is in `unit`."""
-    groups = {"fast": {"time": TIME, "torque": np.sin(TIME)}, "slow": {"time": slow_time, "speed": 2.0 * slow_time}}
-    file = tmp_path / f"groups{kind}"
-    if kind == ".mat":
-        savemat(file, groups)
-        return file
-    with h5py.File(file, "w") as content:
-        for group, arrays in groups.items():
-            for name, values in arrays.items():
-                content[f"{group}/{name}"] = values
-        content["fast/time"].attrs["unit"] = "s" if unit else ""
-        content["slow/time"].attrs["unit"] = unit
-    return file
-
-
-def map_groups(mark: str, file: str = "resample_hz = 1000.0") -> str:
-    return f"""
-[file]
-{file}
-[columns]
-time_s = {{ from = "fast{mark}time", unit = "s" }}
-torque_nm = {{ from = "fast{mark}torque", unit = "Nm" }}
-speed_rad_s = {{ from = "slow{mark}speed", unit = "rad/s" }}
-"""
-
-
-@pytest.mark.parametrize("step", [1, 2], ids=["as many rows", "fewer rows"])
-@pytest.mark.parametrize(("kind", "mark"), [(".h5", "/"), (".mat", ".")])
-def test_a_column_has_the_times_that_stand_beside_it(tmp_path: Path, kind: str, mark: str, step: int) -> None:
-    file = write_groups(tmp_path, kind, 2.0 * TIME[::step])
-    run = import_by(tmp_path, file, map_groups(mark))
-    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
-    assert f"speed_rad_s: at the times of 'slow{mark}time', which is next to it" in run.metadata["import"]["done"]
-    assert "on different rasters" in find_map_refusal(tmp_path, file, map_groups(mark, ""))
-
-
-def test_times_beside_a_column_are_in_their_own_unit_also_since_1970(tmp_path: Path) -> None:
-    file = write_groups(tmp_path, ".h5", 1e3 * TIME, "ms")
-    run = import_by(tmp_path, file, map_groups("/"))
-    np.testing.assert_allclose(run["speed_rad_s"], 2e3 * run["time_s"], atol=1e-6)
-    with h5py.File(file, "a") as content:
-        content["fast/time"][:] = 1.7e9 + TIME
-        content["slow/time"][:] = 1.7e12 + 1e3 * TIME
-    run = import_by(tmp_path, file, map_groups("/"))
-    np.testing.assert_allclose(run["speed_rad_s"], 2e3 * run["time_s"], atol=1e-2)  # a time of 1.7e9 s has 0.2 us
-
-
-def test_equal_times_in_two_groups_are_one_raster(tmp_path: Path) -> None:
-    run = import_by(tmp_path, write_groups(tmp_path, ".mat", TIME), map_groups(".", ""))
-    np.testing.assert_array_equal(run["speed_rad_s"], 2.0 * TIME)
-
-
-def test_columns_of_a_text_file_whose_times_are_called_alike_have_that_of_the_map(tmp_path: Path) -> None:
-    file = tmp_path / "twice.csv"
-    rows = [f"{t},{t},{t},{2.0 * t}" for t in TIME.tolist()]
-    file.write_text("\n".join(["time [s],torque,time [s],speed", *rows, ""]), encoding="utf-8")
-    text = map_groups("").replace('"fasttime"', '"time [s] (column 1)"')
-    run = import_by(tmp_path, file, text.replace("fasttorque", "torque").replace("slowspeed", "speed"))
-    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
-    assert not [note for note in run.metadata["import"]["done"] if "is next to it" in note]

@@ -22,6 +22,7 @@ time_s = { from = "time", unit = "s" }
 torque_nm = { from = "torque", unit = "Nm" }
 speed_rad_s = { from = "speed", unit = "rad/s" }
 """
+TWO = '[columns]\ntime_s = { from = "time", unit = "s" }\ntorque_nm = { from = "torque", unit = "Nm" }\n'
 MOST_SECONDS = 20.0  # for one file, as docs/recordings.md promises
 BLOCK = 1 << 22  # bytes, as files are read
 MOST_BYTES = 1 << 28  # that a small file may take while it is read
@@ -40,6 +41,10 @@ def make_table(
         cells = [times[row] if times else write(TIME[row]), write(TORQUE[row]), write(SPEED[row])]
         lines.append(delimiter.join(cells) + end)
     return "\n".join(lines) + "\n"
+
+
+def make_rows(header: str, *rows: str) -> str:
+    return "\n".join([header, *rows, ""])
 
 
 def write_with_comma(value: float) -> str:

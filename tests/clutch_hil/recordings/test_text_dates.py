@@ -1,0 +1,153 @@
+"""Dates, epochs and days in text files: the times of rows, and what could be misread."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.recordings.contents import draft_map
+from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.import_map import load_map
+from tests.clutch_hil.recordings.text_files import (
+    ROWS,
+    TIME,
+    TWO,
+    assert_right,
+    convert_run,
+    find_refusal,
+    make_rows,
+    make_table,
+    read,
+)
+
+
+def test_a_date_beside_the_time_of_day_is_its_date(tmp_path: Path) -> None:
+    rows = [f"05.03.2024;10:11:{12 + k};{k}" for k in range(10)]
+    file = tmp_path / "apart.csv"
+    file.write_text(make_rows("date;time;torque", *rows), encoding="utf-8")
+    recording = open_recording(file)
+    assert recording.start == "2024-03-05T10:11:12"
+    assert 'time_s = { from = "time" }' in draft_map(file, recording)
+
+
+def make_two_days(second: str, date: str) -> str:
+    """20 rows from 16:00:00 on 5 March, and 20 from the time `second` on, which have the `date`."""
+    hour, minute, first = map(int, second.split(":"))
+    rows = [f"05.03.2024;16:00:{k:02d};{k}" for k in range(20)]
+    return make_rows(
+        "date;time;torque", *rows, *(f"{date};{hour:02d}:{minute:02d}:{first + k:02d};{k}" for k in range(20))
+    )
+
+
+@pytest.mark.parametrize(
+    ("second", "date", "gap"),
+    [
+        ("08:00:00", "06.03.2024", 16 * 3600.0), ("16:00:20", "06.03.2024", 86400.0 + 20.0),
+        ("16:05:00", "08.03.2024", 3 * 86400.0 + 300.0),
+    ],
+    ids=["earlier the next day", "later the next day", "days later"],
+)  # fmt: skip
+def test_days_between_rows_are_those_of_the_dates(tmp_path: Path, second: str, date: str, gap: float) -> None:
+    text = make_two_days(second, date)
+    columns = TWO + 'speed_rad_s = { from = "torque", unit = "rad/s" }\n'
+    (tmp_path / "map.toml").write_text(f"[file]\nlongest_gap_s = 5.0\n{columns}", encoding="utf-8")
+    (tmp_path / "days.csv").write_text(text, encoding="utf-8")
+    one, other = load_map(str(tmp_path / "map.toml")).read_runs(tmp_path / "days.csv")
+    np.testing.assert_array_equal(one["time_s"], np.arange(20.0))
+    np.testing.assert_array_equal(other["time_s"], gap + np.arange(20.0))
+    assert "time: its days are those of 'date'" in convert_run(one)
+
+
+@pytest.mark.parametrize("second", ["08:00:00", "17:00:00"], ids=["earlier", "later"])
+def test_days_between_rows_of_dates_that_can_be_misread_are_asked_for(tmp_path: Path, second: str) -> None:
+    text = make_two_days(second, "03/06/2024").replace("05.03.2024", "03/05/2024")
+    assert "set time_format = '%d/%m/%Y' or '%m/%d/%Y' in [file]" in find_refusal(tmp_path, text, columns=TWO)
+    run = read(tmp_path, text, 'time_format = "%m/%d/%Y"\nresample_hz = 1.0\nlongest_gap_s = 1e5', TWO)
+    assert run["time_s"][-1] == 86400.0 + 3600.0 * (int(second[:2]) - 16) + 19.0
+
+
+def test_dates_that_can_be_misread_do_not_matter_where_the_clock_passes_midnight(tmp_path: Path) -> None:
+    rows = [
+        f"03/{5 if k < 10 else 6:02d}/2024;{23 if k < 10 else 0:02d}:{59 if k < 10 else 0:02d}:{(50 + k) % 60:02d};{k}"
+        for k in range(20)
+    ]
+    run = read(tmp_path, make_rows("date;time;torque", *rows), columns=TWO)
+    np.testing.assert_array_equal(run["time_s"], np.arange(20.0))
+
+
+@pytest.mark.parametrize("date", ["05.03.2024", "", "06.03."], ids=["of the start", "of the first rows", "damaged"])
+def test_dates_that_tell_no_days_leave_the_clock_alone(tmp_path: Path, date: str) -> None:
+    rows = [f"05.03.2024;23:59:{50 + k};{k}" for k in range(10)]
+    rows += [f"{date if k == 5 or date != '06.03.' else '06.03.2024'};00:00:{k:02d};{k}" for k in range(10)]
+    run = read(tmp_path, make_rows("date;time;torque", *rows), columns=TWO)
+    np.testing.assert_array_equal(run["time_s"], np.arange(20.0))
+
+
+@pytest.mark.parametrize(("ticks", "unit"), [(1_000, "ms"), (1_000_000, "us"), (1_000_000_000, "ns")])
+def test_an_epoch_keeps_its_digits(tmp_path: Path, ticks: int, unit: str) -> None:
+    step = {"ms": 1, "us": 10, "ns": 10_000}[unit]  # 1 kHz, 100 kHz
+    rows = [f"{1709683197 * ticks + step * k},{k}" for k in range(ROWS)]
+    run = read(tmp_path, make_rows("time,torque", *rows), columns=TWO.replace(', unit = "s"', ""))
+    np.testing.assert_allclose(run["time_s"], step * np.arange(ROWS) / ticks, rtol=1e-14)
+    assert run.metadata["import"]["start"] == "2024-03-05T23:59:57+00:00"
+
+
+@pytest.mark.parametrize(("first", "unit"), [(45356.5, "d"), (3.79e9, "s"), (739_000.5, "d"), (2_460_760.5, "d")])
+def test_days_of_a_spreadsheet_and_other_epochs_are_no_date_of_ours(tmp_path: Path, first: float, unit: str) -> None:
+    step = 1.0 if unit == "s" else 1.0 / 86400.0
+    rows = [f"{first + step * k:.9f},{k}" for k in range(ROWS)]
+    run = read(tmp_path, make_rows("time,torque", *rows), columns=TWO.replace('"s"', f'"{unit}"'))
+    np.testing.assert_allclose(run["time_s"], np.arange(ROWS), atol=1e-4)
+    assert "start" not in run.metadata["import"]
+
+
+@pytest.mark.parametrize(
+    ("first", "message"),
+    [
+        (45356.5, True),
+        (739_000.5, True),
+        (60_759.5, True),
+        (2_460_760.5, True),
+        (0.59, True),
+        (45356.5, False),
+        (12.5, False),
+    ],
+)
+def test_days_that_are_taken_for_seconds_are_refused(tmp_path: Path, first: float, message: bool) -> None:
+    step = 0.1 / 86400.0 if message else 0.1
+    rows = [f"{first + step * k:.12f},{k}" for k in range(ROWS)]
+    doubt = "'time' counts days of a spreadsheet, perhaps; set unit = 'd' then"
+    resampled = f"resample_hz = {0.5 / step}"
+    if message:
+        assert doubt in find_refusal(tmp_path, make_rows("time,torque", *rows), resampled, TWO)
+    sure = TWO.replace('unit = "s"', 'unit = "s", unit_from = "map"')
+    done = convert_run(read(tmp_path, make_rows("time,torque", *rows), resampled, sure))
+    assert (doubt in done) is message
+
+
+@pytest.mark.parametrize("first", [0.0, -0.3, 1e-5])
+def test_a_fast_recording_that_begins_near_its_trigger_is_in_seconds(tmp_path: Path, first: float) -> None:
+    rows = [f"{first + 1e-6 * k:.9f},{k}" for k in range(ROWS)]
+    assert "days" not in convert_run(read(tmp_path, make_rows("time,torque", *rows), columns=TWO))
+
+
+def test_ms_since_1970_are_not_taken_for_seconds(tmp_path: Path) -> None:
+    rows = [f"{1709683197000 + 10 * k},{k}" for k in range(ROWS)]
+    columns = TWO.replace('unit = "s"', 'unit = "s", unit_from = "map"')
+    sentence = find_refusal(tmp_path, make_rows("time,torque", *rows), columns=columns)
+    assert "begins at 1.70968e+12 s, which no clock shows" in sentence
+
+
+@pytest.mark.parametrize(
+    "write",
+    [lambda t: f"1 days {t}", lambda t: f'"1 day, {t}"', lambda t: f"{t}"],
+    ids=["of pandas", "of Python", "without days"],
+)
+def test_durations_of_python_are_times(tmp_path: Path, write: Callable[[str], str]) -> None:
+    times = [write(f"23:59:59.{700000 + round(1e6 * t)}") if t < 0.295 else "" for t in TIME]
+    times = [
+        cell or f"{2 if 'day' in times[0] else 0} days 00:00:00.{round(1e6 * t) - 300000:06d}"
+        for cell, t in zip(times, TIME, strict=True)
+    ]
+    assert_right(read(tmp_path, make_table(times=times)))

@@ -1,0 +1,76 @@
+"""Times beside a column in its own group, as HDF5 and MATLAB files have them."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from tests.clutch_hil.recordings.maps import find_refusal as find_map_refusal
+from tests.clutch_hil.recordings.maps import import_by
+
+TIME = 1e-3 * np.arange(400)
+
+
+def write_groups(tmp_path: Path, kind: str, slow_time: np.ndarray, unit: str = "") -> Path:
+    """Torque over `fast/time`, and speed, twice the time, over `slow/time`, which is in `unit`."""
+    groups = {"fast": {"time": TIME, "torque": np.sin(TIME)}, "slow": {"time": slow_time, "speed": 2.0 * slow_time}}
+    file = tmp_path / f"groups{kind}"
+    if kind == ".mat":
+        savemat(file, groups)
+        return file
+    with h5py.File(file, "w") as content:
+        for group, arrays in groups.items():
+            for name, values in arrays.items():
+                content[f"{group}/{name}"] = values
+        content["fast/time"].attrs["unit"] = "s" if unit else ""
+        content["slow/time"].attrs["unit"] = unit
+    return file
+
+
+def map_groups(mark: str, file: str = "resample_hz = 1000.0") -> str:
+    return f"""
+[file]
+{file}
+[columns]
+time_s = {{ from = "fast{mark}time", unit = "s" }}
+torque_nm = {{ from = "fast{mark}torque", unit = "Nm" }}
+speed_rad_s = {{ from = "slow{mark}speed", unit = "rad/s" }}
+"""
+
+
+@pytest.mark.parametrize("step", [1, 2], ids=["as many rows", "fewer rows"])
+@pytest.mark.parametrize(("kind", "mark"), [(".h5", "/"), (".mat", ".")])
+def test_a_column_has_the_times_that_stand_beside_it(tmp_path: Path, kind: str, mark: str, step: int) -> None:
+    file = write_groups(tmp_path, kind, 2.0 * TIME[::step])
+    run = import_by(tmp_path, file, map_groups(mark))
+    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
+    assert f"speed_rad_s: at the times of 'slow{mark}time', which is next to it" in run.metadata["import"]["done"]
+    assert "on different rasters" in find_map_refusal(tmp_path, file, map_groups(mark, ""))
+
+
+def test_times_beside_a_column_are_in_their_own_unit_also_since_1970(tmp_path: Path) -> None:
+    file = write_groups(tmp_path, ".h5", 1e3 * TIME, "ms")
+    run = import_by(tmp_path, file, map_groups("/"))
+    np.testing.assert_allclose(run["speed_rad_s"], 2e3 * run["time_s"], atol=1e-6)
+    with h5py.File(file, "a") as content:
+        content["fast/time"][:] = 1.7e9 + TIME
+        content["slow/time"][:] = 1.7e12 + 1e3 * TIME
+    run = import_by(tmp_path, file, map_groups("/"))
+    np.testing.assert_allclose(run["speed_rad_s"], 2e3 * run["time_s"], atol=1e-2)  # a time of 1.7e9 s has 0.2 us
+
+
+def test_equal_times_in_two_groups_are_one_raster(tmp_path: Path) -> None:
+    run = import_by(tmp_path, write_groups(tmp_path, ".mat", TIME), map_groups(".", ""))
+    np.testing.assert_array_equal(run["speed_rad_s"], 2.0 * TIME)
+
+
+def test_columns_of_a_text_file_whose_times_are_called_alike_have_that_of_the_map(tmp_path: Path) -> None:
+    file = tmp_path / "twice.csv"
+    rows = [f"{t},{t},{t},{2.0 * t}" for t in TIME.tolist()]
+    file.write_text("\n".join(["time [s],torque,time [s],speed", *rows, ""]), encoding="utf-8")
+    text = map_groups("").replace('"fasttime"', '"time [s] (column 1)"')
+    run = import_by(tmp_path, file, text.replace("fasttorque", "torque").replace("slowspeed", "speed"))
+    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
+    assert not [note for note in run.metadata["import"]["done"] if "is next to it" in note]
