@@ -51,8 +51,8 @@ class Labels:
             return join_units(alone)
         if count > 1 and not field:
             lists = self._read_lists(data.parent)
-            fitting = [lists[key] for key in list_unit_keys(lists) if len(lists[key]) == count]
-            if fitting:
+            parted = [_part(lists[key], count) for key in list_unit_keys(lists)]
+            if fitting := [texts for texts in parted if len(texts) == count]:
                 return fitting[0][column]
         if field:
             own = _choose_own(keys, (field, f"field_{column}"))
@@ -64,15 +64,16 @@ class Labels:
         each."""
         names = {key: _part(self._file.read_texts(data, key), count) for key in data.attrs if key.lower() in _NAMES}
         lists = self._read_lists(data.parent)
-        names |= {key: texts for key, texts in lists.items() if key.lower() in _NAMES}
+        names |= {key: _part(texts, count) for key, texts in lists.items() if key.lower() in _NAMES}
         stem, _, end = data.name.rpartition("/")[2].rpartition("_")
         names |= {key: texts for key, texts in lists.items() if end == "values" and key == f"{stem}_items"}  # of pandas
         return next((texts for texts in names.values() if len(texts) == count == len({*texts} - {""})), [])
 
     def _read_lists(self, group: "h5py.Group") -> Mapping[str, list[str]]:
-        """Return the lists of names and units that are datasets in a group."""
+        """Return the lists of names and units that are attributes of a group, or datasets in it."""
         if group.name not in self._lists:
-            self._lists[group.name] = {
+            keys = [key for key in group.attrs if key.lower() in _NAMES or list_unit_keys([key])]
+            self._lists[group.name] = {key: self._file.read_texts(group, key) for key in keys} | {
                 name: self._file.read_text_list(entry)
                 for name, entry in self._file.list_members(group)
                 if (name.lower() in _NAMES or name.endswith("_items") or list_unit_keys([name])) and _is_text(entry, 1)

@@ -11,6 +11,7 @@ import numpy as np
 
 from clutch_hil.recordings.channel import EXACT, Channel, Recording, Signal, keep_whole, simplify_unit
 from clutch_hil.recordings.formats.matlab import MatlabRecording
+from clutch_hil.recordings.hdf5_fields import list_fields, read_field
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
 from clutch_hil.recordings.hdf5_labels import Labels
 from clutch_hil.recordings.hdf5_packing import Packing, read_packing
@@ -59,10 +60,14 @@ def open_hdf5(path: Path) -> Recording:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where the numbers of a channel are: in a dataset, in a field of its rows or "", in a column or None."""
+    """Where the numbers of a channel are: in a dataset, in a field of its rows or "", in a column or None.
+
+    inside: the steps from the values of the field to the numbers: names of fields, and numbers of elements.
+    """
 
     dataset: str
     field: str = ""
+    inside: tuple[str | int, ...] = ()
     column: int | None = None
     axis: int = 0  # of the rows
     factor: float = 1.0  # of a time axis, in s
@@ -134,8 +139,7 @@ class Hdf5Recording:
 def read_place(file: Hdf5File, place: _Place, rows: int, notes: list[str] | None = None) -> np.ndarray:
     """Values (rows,) of a channel. notes: where to tell what is missing. Raises InputError."""
     if place.field:
-        check_rows(f"{file.name}: {place.dataset} has", rows, 1)
-        values = np.asarray(file.read(place.dataset, place.field), float).reshape(rows)
+        values = read_field(file, place.dataset, place.field, place.inside, rows)
     else:
         values = file.read_column(place.dataset, place.index, rows)
     if packing := place.packing:
@@ -153,7 +157,9 @@ def list_state_names(file: Hdf5File, place: _Place) -> dict[float, str]:
 
     with file.errors(place.dataset):
         kind = file.root[place.dataset].dtype
-        members = h5py.check_enum_dtype(kind[place.field] if place.field else kind) or {}
+        for step in (place.field, *place.inside) if place.field else ():
+            kind = kind[step] if isinstance(step, str) else kind.base
+        members = h5py.check_enum_dtype(kind) or {}
     return {float(number): name.strip() for name, number in members.items()}
 
 
@@ -221,10 +227,10 @@ class _Walk:
             return
         self._add_stated_numbers(data)
         text = h5py.check_string_dtype(data.dtype) is not None
-        if data.size == 1:
-            self._add_number(data, path)
-        elif len(data.shape) == 1 and data.dtype.names:
+        if data.dtype.names and data.size == max(data.shape, default=1) > 1:
             self._add_table(data, path)
+        elif data.size == 1:
+            self._add_number(data, path)
         elif text and len(data.shape) == 1:
             self._append(data, path, name, _Place(data.name), "text")
         elif data.dtype.kind not in "fiub":
@@ -253,19 +259,23 @@ class _Walk:
         if data.dtype.kind in "fiub":
             self._file.check(data)
             self.numbers[path] = float(np.asarray(data[()]).ravel()[0])
+        elif data.dtype.names and any(data.dtype[field].shape for field in data.dtype.names):
+            self.left_out[path] = "a single row, with arrays in its fields: save one row a sample"
 
     def _add_table(self, data: Any, path: str) -> None:
         import h5py
 
-        for number, field in enumerate(data.dtype.names):
-            kind = data.dtype[field]
-            if h5py.check_string_dtype(kind) is not None:
-                self._append(data, f"{path}/{field}", field, _Place(data.name, field), "text")
-            elif kind.shape or kind.kind not in "fiub":
-                self.left_out[f"{path}/{field}"] = f"values of the type {kind}"
+        axis, count = int(np.argmax(data.shape)), len(data.dtype.names)
+        for one in list_fields(data.dtype):
+            place = _Place(data.name, one.outer, one.inside, axis=axis)
+            inside = f"{path}/{one.path}"
+            if h5py.check_string_dtype(one.kind) is not None and not place.inside:
+                self._append(data, inside, one.name, place, "text")
+            elif one.kind.shape or one.kind.kind not in "fiub":
+                self.left_out[inside] = f"values of the type {one.kind}"
             else:
-                unit = self._labels.find_unit(data, number, len(data.dtype.names), field)
-                self._append(data, f"{path}/{field}", field, _Place(data.name, field), _find_kind(kind), unit)
+                unit = "" if place.inside else self._labels.find_unit(data, one.number, count, place.field)
+                self._append(data, inside, one.name, place, _find_kind(one.kind), unit)
 
     def _append(self, data: Any, path: str, name: str, place: _Place, kind: str, unit: str = "") -> None:
         name, unit = take_unit(name, unit, kind)
@@ -299,7 +309,7 @@ class _Walk:
         times, others = self._find_lengths(data.parent)
         if columns <= rows or rows in times:
             return 0
-        return 1 if columns in times or (rows < _FEWEST_ROWS <= columns and rows not in others) else 0
+        return 1 if columns in times or (rows < _FEWEST_ROWS and rows not in others) else 0
 
     def _find_lengths(self, group: Any) -> tuple[set[int], set[int]]:
         """Lengths of datasets with one axis in a group: of those with times, also in the groups around it, and of others."""
