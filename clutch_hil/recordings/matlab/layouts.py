@@ -19,6 +19,7 @@ from clutch_hil.recordings.matlab.texts import read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, LeftOut, Line, Numbers, Struct, Text, Value
 from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import list_unit_keys
+from clutch_hil.recordings.unit_in_name import is_unit
 from protocols.errors import InputError
 
 MOST_COLUMNS = 10_000  # of one array: more are no channels, but a picture or a table lying on its side
@@ -27,6 +28,8 @@ _MOST_VISITS = 400_000  # values that are looked at: objects can refer to each o
 _MOST_DEPTH = 40
 _NAMES = re.compile(r"(?i).*(name|label|header|channel|signal|title|^var).*")  # fields with names of columns
 _UNITS = re.compile(r"(?i)(.*_)?(units?|einheit(en)?|eu)")  # and with their units
+_LISTS = re.compile(r"(?i).*(names|labels|headers?|channels|signals)")  # those that can be a list in one text
+_MARKS = (",", ";", "\t", "|")  # between names or units in one text
 _TIMES = re.compile(r"(?i)t|time|zeit|tout")  # fields that hold times where one other holds values
 
 
@@ -122,7 +125,7 @@ class Walk:
 
     def walk_fields(self, fields: Mapping[str, Value], path: str, depth: int, about: About | None = None) -> None:
         """Values that stand beside each other. path: of the whole, "" for the file."""
-        listed = {name: texts for name, value in fields.items() if len(texts := read_texts(value)) > 1}
+        listed = {name: texts for name, value in fields.items() if len(texts := _list_labels(name, value)) > 1}
         names = [texts for name, texts in listed.items() if _NAMES.fullmatch(name) and not _UNITS.fullmatch(name)]
         units = [texts for name, texts in listed.items() if _UNITS.fullmatch(name)]
         lengths = frozenset(v.size for v in fields.values() if isinstance(v, Numbers) and 1 < v.size == max(v.shape))
@@ -294,6 +297,17 @@ def _find_row_axis(shape: tuple[int, ...], about: About) -> int | None:
     if len(fitting) == 1:
         return fitting[0]
     return long[0] if shape[long[0]] >= shape[long[1]] else long[1]
+
+
+def _list_labels(name: str, value: Value) -> list[str]:
+    """The texts of a field; one text of names or units, `time, torque`, is parted, units also at blanks."""
+    texts = read_texts(value)
+    if len(texts) == 1 and (_LISTS.fullmatch(name) or _UNITS.fullmatch(name)):
+        mark = next((mark for mark in _MARKS if mark in texts[0]), "")
+        parts = [part.strip() for part in texts[0].split(mark)] if mark else texts[0].split()
+        if mark or (_UNITS.fullmatch(name) and all(map(is_unit, parts))):
+            return parts
+    return texts
 
 
 def _choose_list(lists: Sequence[Sequence[str]], shape: Sequence[int]) -> Sequence[str]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
@@ -118,6 +119,24 @@ def test_names_and_units_beside_an_array_are_those_of_its_columns(tmp_path: Path
     assert [(c.name, c.unit, c.path) for c in recording.channels] == [
         ("time", "s", "A.data(:,1)"), ("force", "kN", "A.data(:,2)"),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        ("time,force", "ms,kN"),
+        ("time; force", "ms; kN"),
+        ("time|force", "ms kN"),
+        (["time ", "force"], ["ms", "kN"]),
+        ("a text, with more commas, than columns", "ms kN"),
+    ],
+)
+def test_names_and_units_may_be_one_text_or_a_matrix_of_characters(tmp_path: Path, names: Any, units: Any) -> None:
+    file = tmp_path / "labels.mat"
+    savemat(file, {"data": np.column_stack([T, F]), "labels": np.array(names), "units": np.array(units)})
+    channels = open_recording(file).channels
+    known = ["time", "force"] if len(names) < 20 else ["data(1)", "data(2)"]
+    assert [(channel.name, channel.unit) for channel in channels] == list(zip(known, ["ms", "kN"], strict=True))
 
 
 def test_a_unit_beside_one_array_is_its_own(tmp_path: Path) -> None:
