@@ -26,6 +26,7 @@ The unit of the run's column is the end of its name. A unit in the file takes pr
 `unit_from = "map"` overrides a wrong one. The metadata `import` of a run list the processing steps.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isnan
@@ -34,7 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Recording, choose_channel
+from clutch_hil.recordings.channel import Channel, Recording, choose_channel
 from clutch_hil.recordings.checks.values import find_placeholder
 from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, convert_signal, find_unit, read_column
 from clutch_hil.recordings.format import list_option_keys, open_recording
@@ -49,6 +50,8 @@ MAPS = Path(__file__).parent / "maps"
 _KEYS: Mapping[str, type] = {
     "skip_rows": int, "low_pass_hz": float, "resample_hz": float, "longest_gap_s": float, "from_s": float, "to_s": float,
 }  # fmt: skip
+
+_LONGEST_REASON = 200  # characters of a note in an error text
 
 
 @dataclass(frozen=True)
@@ -101,9 +104,7 @@ class ImportMap:
     def _read_from(self, path: Path, recording: Recording, required: Sequence[str]) -> list[Run]:
         """Read the runs of an open `recording`."""
         sources = {
-            name: choose_channel(path, recording.channels, one.column)
-            for name, one in self.columns.items()
-            if one.is_read
+            name: _choose_channel(path, recording, one.column) for name, one in self.columns.items() if one.is_read
         }
         beside = find_times_beside(recording.channels, sources)
         read = recording.read([*sources.values(), *beside.values()])
@@ -220,6 +221,19 @@ def _read_map(path: Path) -> ImportMap:
         skip_rows=entries.get("skip_rows", 0), from_s=entries.get("from_s", -inf), to_s=entries.get("to_s", inf),
         options={key: value for key, value in entries.items() if key not in _KEYS},
     )  # fmt: skip
+
+
+def _choose_channel(path: Path, recording: Recording, wanted: str | int) -> Channel:
+    """Return the channel `wanted`. Raises InputError, with the reason where the reader has left it out."""
+    try:
+        return choose_channel(path, recording.channels, wanted)
+    except InputError as error:
+        why = ""
+        if isinstance(wanted, str):  # also of a signal without its message
+            for name in filter(None, (wanted, wanted.rpartition(".")[0])):
+                told = re.compile(rf"left out .*(?<!\w){re.escape(name)}(?!\w)", re.DOTALL)
+                why = why or next((note for note in recording.notes if told.match(note)), "")
+        raise InputError(f"{error}; {why[:_LONGEST_REASON]}" if why else str(error)) from None
 
 
 def _describe_losses(recording: Recording) -> str:

@@ -35,6 +35,10 @@ FOREIGN = {
         b'{"time": [0.0, 0.01], "torque": [1.0, 2.0]}',
         "JSON: write its numbers into CSV, one row a sample",
     ),
+    "lines.json": (
+        b'{"time": 0.0, "torque": 1.0}\n{"time": 0.1, "torque": 1.1}\n',
+        "JSON: write its numbers into CSV, one row a sample",
+    ),
     "log.tdm": (
         b'<?xml version="1.0"?>\n<usi:tdm version="1.0">',
         "the header of a TDM file: save its channels as TDMS",
@@ -114,7 +118,8 @@ def test_a_file_of_another_kind_is_named_and_what_to_do(tmp_path: Path, name: st
 
 
 @pytest.mark.parametrize(
-    "header", ["[General]\n", "[s] [Nm]\n", "<bench 7>\n", "{run 7}\n", "PKW 7\n", "BZ 1\n", "ID 7, Data 3\n"]
+    "header",
+    ["[General]\n", "[s] [Nm]\n", "<bench 7>\n", "{run 7}\n", "PKW 7\n", "BZ 1\n", "ID 7, Data 3\n", '{"dt": 0.01}\n'],
 )
 def test_a_line_above_the_names_is_not_taken_for_another_kind_of_file(tmp_path: Path, header: str) -> None:
     assert_right(read(tmp_path, header + make_table()))
