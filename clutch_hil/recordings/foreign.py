@@ -2,6 +2,10 @@
 
 import re
 
+# What to do about frames of a bus of unknown meaning
+NEEDS_DATABASE = (
+    'name their database with --map: a map with dbc = "FILE.dbc" in [file], which --list and --draft take, too'
+)
 _TEXT = "save its data as CSV"
 # Pattern of the first bytes -> kind of file, and remedy
 _KINDS: tuple[tuple[bytes, str, str], ...] = (

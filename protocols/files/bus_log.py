@@ -28,7 +28,8 @@ from protocols.files import bus_frames
 from protocols.files.blf_objects import count_sound_objects
 from protocols.files.bus_frames import EXTENDED, BusLog, FrameCollector
 from protocols.files.line_frames import UsualLines, read_usual_lines
-from protocols.files.log_lines import LogLines, TextLog, read_candump, recognise_text_log
+from protocols.files.log_kind import MF4_MARKS, TextLog, recognise_text_log
+from protocols.files.log_lines import LogLines, read_candump
 from protocols.files.mdf_blocks import check_blocks
 from protocols.files.mf4_frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
@@ -40,23 +41,12 @@ _VALID_SHARE = 0.5
 _CRC_8 = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
 _MOST_WATCHED = 10_000  # frames checked for a bench of another size: with other frames between, some seconds of a bus
 _FEW = 1000  # damaged lines that are always tolerated; with more of them than frames, the file is not a log
-_MF4_MARKS = (b"MDF     ", b"UnFinMF ")
 _OTHERS = {
     b"\x1f\x8b": "it is compressed; unpack it first",
     b"PAR1": "it is a Parquet file, as of a run",
     b"MATLAB ": "it is a MATLAB file",
     b"\x89HDF": "it is an HDF5 file",
 }  # kind of files that are not logs, by their first bytes
-
-
-def find_log_kind(path: Path, head: bytes) -> str:
-    """Return the kind of the log that begins with `head`: blf, mf4, or the kind of a text log; "" if it is not a log."""
-    if head.startswith(b"LOGG"):
-        return "blf"
-    if head.startswith(_MF4_MARKS):
-        return "mf4" if is_bus_log(path) else ""
-    text_log = recognise_text_log(head)
-    return text_log.kind if text_log else ""
 
 
 def read_bus_log(path: Path) -> BusLog:
@@ -67,7 +57,7 @@ def read_bus_log(path: Path) -> BusLog:
 def _read_any(path: Path, head: bytes) -> BusLog:
     if head.startswith(b"LOGG"):
         return _read_blf(path)
-    if head.startswith(_MF4_MARKS):
+    if head.startswith(MF4_MARKS):
         if not is_bus_log(path, wholly=False):
             raise InputError(f"log {path} cannot be read: it is an MDF file without frames of a CAN bus")
         return _read_mf4(path, head)

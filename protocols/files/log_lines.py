@@ -8,7 +8,6 @@ TRC             version 1.2, which python-can does not read, is written as 1.3; 
 import io
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
@@ -18,90 +17,24 @@ import numpy as np
 
 from protocols.errors import InputError
 from protocols.files.line_frames import UsualLines
+from protocols.files.log_kind import ASC_FRAME, CANDUMP_LINE, HEAD_LINES, SCREEN_LINE, TextLog
 
 _LONGEST_LINE = 4096  # characters: ten times a CAN FD frame with all its remarks
-_HEAD_LINES = 60  # non-empty lines that decide the format
 _BACKWARD_SHARE = 0.1  # of steps: if more are negative, the values are time differences
 _MOST_CHANNELS = 64  # whose times are checked
 _FEW_FRAMES = 20  # too few frames to judge by the share of steps
 
-_PAIRS = r"(?:[0-9A-Fa-f]{2})"
-_LOG = re.compile(
-    r"\((?P<time>\d+(?:\.\d*)?)\)\s+(?P<channel>\S+)\s+(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
-    rf"(?P<data>[Rr](?P<dlc>[0-8])?|#(?P<fd>[0-9A-Fa-f])(?P<long>{_PAIRS}{{0,64}})|(?P<bytes>{_PAIRS}{{0,8}}))(?:_[0-9A-Fa-f])?"
-    r"(?:\s+[RTrt])?\s*"
-)
-_SCREEN = re.compile(
-    r"\s*(?:\((?P<time>[^()]*)\)\s+)?(?P<channel>[^\s(]\S*)\s+(?:(?:RX|TX)\s+\S\s+\S\s+)?(?P<id>[0-9A-F]{3}|[0-9A-F]{8})\s+"
-    r"\[(?P<n>\d{1,2})\](?:\s+(?P<data>remote request|[0-9A-F]{2}(?:\s[0-9A-F]{2})*))?(?:\s+(?:ERRORFRAME|'.*'|::\s.*))?\s*"
-)
-_ASC_FRAME = re.compile(r"\d+\.\d+\s+(?:\d+\s+(?:[0-9A-Fa-f]+x?\s+(?:Tx|Rx)\b|ErrorFrame)|CANFD\s+\d+)", re.IGNORECASE)
 _ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re.IGNORECASE)
 _ASC_SYMBOLIC = re.compile(r"\d+\.\d+\s+\d+\s+(?P<name>[A-Za-z_]\w*)\s+(?:Rx|Tx)\s+[dr]\b", re.IGNORECASE)
-_ASC_HEAD = re.compile(
-    r"date\s+\w{2,4}\.?\s+\w{3,}\.?\s+\d|base\s+(?:hex|dec)\b|begin\s+trigger\s*block\b", re.IGNORECASE
-)
 _ASC_BEGIN = re.compile(r"date\s|begin\s+trigger\s*block\b", re.IGNORECASE)
-_ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _ASC_TIME = re.compile(r"(\d+\.\d+)(\s+.*)", re.DOTALL)
 _ASC_BORING = re.compile(r"//|end\s+trigger\s*block|(no\s+)?internal\s+events|date\s|base\s", re.IGNORECASE)
-_TRC_VERSION = re.compile(r";\$FILEVERSION\s*=\s*([^\s;]+)")
 _TRC_VERSIONS = ("1.0", "1.1", "1.2", "1.3", "2.0", "2.1")
 _TRC_BEFORE_LENGTH = 5  # cells of a frame in version 1.2; 1.3 adds a dash after them and is otherwise the same
 _TRC_FRAME = re.compile(r"\s*\d+\)?\s+\d+(?:\.\d+)?\s+\S")
 _TRC_UNNUMBERED = re.compile(r"\s*\d+(?:\.\d+)?\s+[A-Z]{2}\s+\S")  # of version 2, where $COLUMNS has no N
 _TRC_EVENTS = {"Warng", "Error", "Statu", "ST", "EC", "ER", "EV"}
 _ERROR_FLAG, _ERROR_MARK = 0x20000000, "20000080"  # error frames; python-can recognises them by these two bits
-
-
-@dataclass(frozen=True)
-class TextLog:
-    """Format of a text log. kind: candump, asc, trc; name: for messages. base: of numbers in ASC; relative: times are relative.
-
-    says_times: whether the head of an ASC file declares the reference of its times.
-    """
-
-    kind: str
-    name: str
-    encoding: str
-    base: str = "hex"
-    relative: bool = False
-    version: str = ""
-    says_times: bool = False
-
-
-def recognise_text_log(head: bytes) -> TextLog | None:
-    """Return the format of a text log that begins with `head`; None for other content."""
-    encoding = _guess_encoding(head)
-    text = head.decode(encoding, errors="replace")
-    lines = [line.strip("\0 \t") for line in text.splitlines()]  # a logger that lost power leaves zero bytes
-    if "\0" in "".join(lines[:1]):
-        return None
-    lines = [line for line in lines if line and not line.startswith(("#", "//"))][:_HEAD_LINES]
-    if not lines:
-        return None
-    if version := next((match for line in lines if (match := _TRC_VERSION.match(line))), None):
-        return TextLog("trc", "PEAK TRC", encoding, version=version[1])
-    if any(_ASC_HEAD.match(line) for line in lines) or _ASC_FRAME.match(lines[0]):
-        base = _ASC_BASE.search(text)
-        relative = bool(base and (base[2] or "").lower() == "relative")
-        says_times = bool(base and base[2])
-        return TextLog(
-            "asc", "Vector ASC", encoding, base[1].lower() if base else "hex", relative, says_times=says_times
-        )
-    if any(line.startswith(";") for line in lines[:1]) and any(re.match(r"\d+\)\s", line) for line in lines):
-        return TextLog("trc", "PEAK TRC", encoding, version="1.0")
-    if _LOG.fullmatch(lines[0]) or (len(lines) > 1 and _LOG.fullmatch(lines[1])):
-        return TextLog("candump", "candump", encoding)
-    if _SCREEN.fullmatch(lines[0]):
-        return TextLog("candump", "candump, screen format", encoding)
-    return None
-
-
-def _guess_encoding(head: bytes) -> str:
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "utf-16"
-    return "utf-8-sig"
 
 
 class LogLines(io.TextIOBase):
@@ -208,7 +141,7 @@ class LogLines(io.TextIOBase):
         return prepared
 
     def _prepare_candump(self, text: str) -> str | None:
-        if match := _LOG.fullmatch(text):
+        if match := CANDUMP_LINE.fullmatch(text):
             tokens = len(text.split())
             if not self._whole and tokens < max(self._tokens, self._before_last):
                 return None  # its end is missing, although the rest could be a frame
@@ -221,7 +154,7 @@ class LogLines(io.TextIOBase):
                 data = match["bytes"]
             self._expected = True
             return f"({match['time']}) {match['channel']} {can_id}#{data}\n"
-        if match := _SCREEN.fullmatch(text):
+        if match := SCREEN_LINE.fullmatch(text):
             return self._prepare_screen(match)
         return None
 
@@ -280,7 +213,7 @@ class LogLines(io.TextIOBase):
         if _ASC_REQUEST.match(text):
             self._requests += 1
             return ""
-        if _ASC_FRAME.match(text):
+        if ASC_FRAME.match(text):
             self._expected = True
             if not self.found.says_times:
                 self._note_stamp(float(text.split(maxsplit=1)[0]), text.split(maxsplit=2)[1])
@@ -303,7 +236,7 @@ class LogLines(io.TextIOBase):
 
     def _prepare_trc(self, text: str) -> str | None:
         if text.startswith(";"):
-            if text.startswith(";$") and len(self._header) < _HEAD_LINES:
+            if text.startswith(";$") and len(self._header) < HEAD_LINES:
                 entry = text.replace(" ", "").rstrip(";")  # PEAK writes `;$STARTTIME=39878.6772258947;`
                 if entry.startswith(";$COLUMNS=") and "N" not in entry.partition("=")[2].split(","):
                     self._trc_frame = _TRC_UNNUMBERED

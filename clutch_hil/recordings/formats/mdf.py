@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first, simplify_unit
-from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE, BusLogFormat, open_frames
+from clutch_hil.recordings.foreign import NEEDS_DATABASE
+from clutch_hil.recordings.formats.bus_log import BusLogFormat
 from clutch_hil.recordings.state_names import note_names, note_other_numbers, take_names
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
@@ -40,6 +41,8 @@ class Mdf:
         file = MdfFile(path)
         if BUS_MESSAGES not in file.left_out:
             return MdfRecording(path, file)
+        from clutch_hil.recordings.bus_recording import open_frames  # loads what decodes frames: 0.3 s
+
         try:
             frames = open_frames(path, options, file.start_stamp)
         except InputError:

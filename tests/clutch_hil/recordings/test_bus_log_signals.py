@@ -16,8 +16,8 @@ from benchmarks.logged_frames import CAR
 from clutch_hil.command import make_application
 from clutch_hil.recordings.can_signals import find_rows_with_signal, read_physical_values
 from clutch_hil.recordings.channel import Recording, choose_channel
+from clutch_hil.recordings.foreign import NEEDS_DATABASE
 from clutch_hil.recordings.format import open_recording
-from clutch_hil.recordings.formats.bus_log import NEEDS_DATABASE
 from clutch_hil.recordings.import_map import load_map
 from clutch_hil.recordings.value_tables import list_missing
 from protocols.can.database import read_database
