@@ -17,16 +17,16 @@ def value_states(names: Sequence[str | None]) -> np.ndarray | None:
     """
     if not any(names):
         return None
-    import pyarrow as pa  # loading takes 50 ms of CPU in each process that reads a file; few channels have names
-
+    # Loading Arrow takes 50 ms of CPU in each process that reads a file; few channels have names
     from clutch_hil.recordings.text.cells import Cells
+    from protocols.files.arrow import from_texts
 
     cells = Cells()
     given = [name for name in names if name is not None and not cells.is_missing(name)]
     numbers = all(cells.is_number(name) for name in given)
     if not given or not (numbers or all(cells.is_flag(name) or name in _FLAG_NUMBERS for name in given)):
         return None
-    return cells.parse_flags(pa.array([name or "" for name in names], pa.string())).values
+    return cells.parse_flags(from_texts([name or "" for name in names])).values
 
 
 def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarray, str] | None:

@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-import pyarrow as pa
-
 from clutch_hil.recordings.channel import Channel, Signal
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
@@ -14,6 +12,7 @@ from clutch_hil.recordings.text.column import DecimalDoubt
 from clutch_hil.recordings.text.column_kind import judge_columns
 from clutch_hil.recordings.text.marks import tells_decimal
 from protocols.errors import InputError
+from protocols.files.arrow import from_texts
 
 _JUDGED = 1000  # values that tell what a column is, at the beginning and at the end
 
@@ -23,7 +22,7 @@ def convert_texts(path: Path, channel: Channel, texts: Sequence[str | None], not
 
     notes: a sentence on what the text is is appended.
     """
-    column = pa.array(["" if text is None else text.strip() for text in texts], pa.string())
+    column = from_texts(["" if text is None else text.strip() for text in texts])
     samples = [*column[:_JUDGED].to_pylist(), *column[_JUDGED:][-_JUDGED:].to_pylist()]
     kind = judge_columns([[text] for text in samples], 1, Cells(), None)[0]
     cells = kind.choose_cells(Cells())

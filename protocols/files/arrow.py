@@ -4,11 +4,22 @@
 and 30 MB (measured with pandas 3.1) in every process that writes telemetry or a run.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import accumulate
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+
+TRUE, FALSE = pa.BooleanArray.from_buffers(pa.bool_(), 2, [None, pa.py_buffer(b"\x01")])  # scalars, as a flag of Python
+NOT_A_NUMBER = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
+
+
+def from_texts(texts: Sequence[str]) -> pa.StringArray:
+    """Return texts (n,) as an array."""
+    data = [text.encode("utf-8", "replace") for text in texts]
+    ends = np.array([0, *accumulate(map(len, data))], np.int32)
+    return pa.StringArray.from_buffers(len(data), pa.py_buffer(ends), pa.py_buffer(b"".join(data)))
 
 
 def from_rows(rows: np.ndarray) -> list[pa.Array]:
@@ -23,5 +34,5 @@ def convert_numbers(column: pa.ChunkedArray) -> np.ndarray:
     """Return a column of n numbers of any type as n float64; NaN for a missing value."""
     floats = pc.cast(column, pa.float64(), safe=False)
     if floats.null_count:
-        return floats.to_numpy().copy()
+        floats = pc.coalesce(floats, NOT_A_NUMBER)
     return np.concatenate([np.empty(0), *map(np.from_dlpack, floats.chunks)])

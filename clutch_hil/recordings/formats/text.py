@@ -40,6 +40,7 @@ from clutch_hil.recordings.text.lines import TextFile, looks_like_text
 from clutch_hil.recordings.text.rows import Rows, read_rows
 from clutch_hil.recordings.text.stated_numbers import list_rates_beside
 from protocols.errors import InputError
+from protocols.files.arrow import from_texts
 from protocols.files.bounds import check_rows
 from protocols.files.units import have_same_quantity, to_si
 
@@ -155,7 +156,7 @@ class TextRecording:
             return 0
         for channel in self.channels:
             if channel.kind == "number" and _MILLISECONDS.fullmatch(channel.name):
-                texts = pa.array([row[channel.number - 1] for row in self._layout.samples])
+                texts = from_texts([row[channel.number - 1] for row in self._layout.samples])
                 parts = self._layout.cells.parse(texts).values
                 rising = len(set(cells)) == 2 and np.all(
                     np.diff(parts[: len(parts) // 2]) > 0.0
@@ -303,7 +304,7 @@ class TextRecording:
         )
         if not axis:
             return channels
-        cells = pa.array([row[axis.number - 1] for row in (self._layout.samples[0], self._layout.samples[-1])])
+        cells = from_texts([row[axis.number - 1] for row in (self._layout.samples[0], self._layout.samples[-1])])
         if axis.kind == "time":
             (start, end), _ = self._find_clock(axis.number).parse(cells, pa.array([False, False]))
         else:

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pyarrow as pa
 
 from clutch_hil.recordings.channel import Channel, simplify_unit
 from clutch_hil.recordings.text.cells import Cells
 from clutch_hil.recordings.unit_in_name import is_unit
 from protocols.errors import InputError
+from protocols.files.arrow import from_texts
 from protocols.files.units import have_same_quantity, to_si
 
 _NAMES = ("time", "zeit", "temps", "tempo", "tiempo", "tid")  # with which the name of an axis begins
@@ -40,7 +40,7 @@ def find_axes(channels: Sequence[Channel], samples: Sequence[Sequence[str]], cel
         factor = _find_factor(channel, _NUMBERED.sub("", channels[0].name))
         if not factor:
             continue
-        values = factor * cells.parse(pa.array([row[channel.number - 1] for row in rows])).values
+        values = factor * cells.parse(from_texts([row[channel.number - 1] for row in rows])).values
         known = values[np.isfinite(values)]
         if len(known) < _FEWEST or not np.all(np.diff(known) > 0.0):
             continue
@@ -67,7 +67,7 @@ def find_repeated_axes(
     for channel in channels:
         if channel.kind != "number" or _NUMBERED.sub("", channel.name) != base:
             continue
-        values = cells.parse(pa.array([row[channel.number - 1] for row in rows])).values
+        values = cells.parse(from_texts([row[channel.number - 1] for row in rows])).values
         known = values[np.isfinite(values)]
         if len(known) >= _FEWEST and np.all(np.diff(known) > 0.0):
             rising.append((channel, values))

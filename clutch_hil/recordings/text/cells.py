@@ -9,6 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from protocols.files.arrow import FALSE, TRUE, convert_numbers, from_texts
+
 # what loggers, Excel, C libraries and people write where there is no value, in lower case
 _MISSING = (
     "", "nan", "-nan", "+nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#na", "null", "none", "nil", "-", "--", "---", "?", "*",
@@ -71,7 +73,7 @@ class Cells:
     def find_missing(self, column: pa.Array) -> pa.Array:
         """Which cells of a column stand for no value."""
         low = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-        return pc.or_(pc.is_in(low, pa.array(self.absent)), pc.match_substring_regex(low, f"^{_OF_MICROSOFT}$"))
+        return pc.or_(pc.is_in(low, from_texts(self.absent)), pc.match_substring_regex(low, f"^{_OF_MICROSOFT}$"))
 
     def is_number(self, cell: str) -> bool:
         """Whether the cell is a number without, or with the agreed, marks between thousands."""
@@ -111,7 +113,7 @@ class Cells:
 
     def read_number(self, cell: str) -> float:
         """The number in a cell, not-a-number where it holds none."""
-        return float(self.parse(pa.array([cell])).values[0])
+        return float(self.parse(from_texts([cell])).values[0])
 
     def parse(self, column: pa.Array) -> Parsed:
         """The numbers of a column of text."""
@@ -124,15 +126,15 @@ class Cells:
         if accounted:
             text = pc.replace_substring_regex(text, _IN_BRACKETS, "-\\1")
             text = pc.replace_substring_regex(text, _SIGN_BEHIND, "\\2\\1")
-        text = pc.if_else(self.find_missing(column), None, self._simplify_marks(text))
+        text = pc.if_else(self.find_missing(column), pa.NULL, self._simplify_marks(text))
         text = pc.replace_substring(
             pc.replace_substring_regex(text, "([0-9.])[dD]([+-]?[0-9]+)$", "\\1e\\2"), "\u2212", "-"
         )
         text = pc.replace_substring_regex(text, "^([+-]) +", "\\1")
         words = pc.invert(pc.match_substring_regex(text, f"^(?:{_make_number_pattern('.')}|{_INFINITE})$"))
-        words = pc.fill_null(words, False)
-        text = pc.if_else(words, None, text)
-        row = pc.index(words, True).as_py()
+        words = pc.coalesce(words, FALSE)
+        text = pc.if_else(words, pa.NULL, text)
+        row = pc.index(words, TRUE).as_py()
         word = column[row].as_py() if row >= 0 else ""
         try:
             parsed = _count(text.cast(pa.float64()))
@@ -146,8 +148,8 @@ class Cells:
         """The whole numbers of a column that is hexadecimal."""
         text, missing = pc.utf8_trim_whitespace(column), self.find_missing(column)
         right = pc.match_substring_regex(text, f"^(?:{_HEXADECIMAL.pattern})$")
-        row = pc.index(pc.or_(missing, right), False).as_py()
-        good = pc.if_else(right, text, None).to_pylist()
+        row = pc.index(pc.or_(missing, right), FALSE).as_py()
+        good = pc.if_else(right, text, pa.NULL).to_pylist()
         parsed = _count(pa.array([None if cell is None else float(int(cell, 16)) for cell in good], pa.float64()))
         return Parsed(parsed.values, parsed.missing, row, column[row].as_py() if row >= 0 else "")
 
@@ -155,8 +157,8 @@ class Cells:
         """The values of a column of true and false, 1 and 0."""
         text = pc.utf8_lower(pc.utf8_trim_whitespace(column))
         flags = _FLAGS | _INITIALS
-        names = pa.array(list(flags))
-        numbers = pa.array([f"{value:.0f}" for value in flags.values()])
+        names = from_texts(list(flags))
+        numbers = from_texts([f"{value:.0f}" for value in flags.values()])
         return self.parse(pc.coalesce(pc.take(numbers, pc.index_in(text, names)), text))
 
     def _simplify_marks(self, text: pa.Array) -> pa.Array:
@@ -213,7 +215,7 @@ def _make_grouped_pattern(decimal: str, thousands: str) -> str:
 
 
 def _count(numbers: pa.Array) -> Parsed:
-    values = numbers.to_numpy(zero_copy_only=False)
+    values = convert_numbers(pa.chunked_array([numbers]))
     return Parsed(values, int(np.count_nonzero(np.isnan(values))))
 
 

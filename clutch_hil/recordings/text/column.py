@@ -16,6 +16,7 @@ from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.layout import Layout
 from clutch_hil.recordings.text.marks import make_doubt, make_group_pattern
 from protocols.errors import InputError
+from protocols.files.arrow import TRUE
 
 
 class ColumnReader:
@@ -157,7 +158,7 @@ class _Exponent:
         self._sure = bool(pc.any(pc.match_substring_regex(column, self._other)).as_py())
         if not self._sure and not self._cell and pc.any(pc.match_substring(column, "E")).as_py():
             cells = pc.utf8_trim_whitespace(column)
-            if (first := pc.index(pc.match_substring_regex(cells, "^[0-9]+E[0-9]+$"), True).as_py()) >= 0:
+            if (first := pc.index(pc.match_substring_regex(cells, "^[0-9]+E[0-9]+$"), TRUE).as_py()) >= 0:
                 self._cell, self._line = cells[first].as_py(), lines(first)
 
     def find_doubt(self) -> tuple[str, int] | None:
@@ -192,7 +193,7 @@ class _Groups:
 
 def _find_first(column: pa.Array, chosen: pa.Array) -> str:
     """The first of the `chosen` cells, "" for none."""
-    row = pc.index(chosen, True).as_py()
+    row = pc.index(chosen, TRUE).as_py()
     return column[row].as_py().strip() if row >= 0 else ""
 
 
@@ -219,7 +220,7 @@ class DecimalDoubt:
             pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{4,}$")).as_py()
         )
         self._plain = self._plain or bool(pc.any(pc.match_substring_regex(cells, "^[+-]?[0-9]{1,3}$")).as_py())
-        if not self._cell and (first := pc.index(grouped, True).as_py()) >= 0:
+        if not self._cell and (first := pc.index(grouped, TRUE).as_py()) >= 0:
             self._cell = cells[first].as_py()
 
     def find_doubt(self) -> str:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from clutch_hil.recordings.text.cells import GROUP_MARKS, Cells, show
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format, read_time_format
@@ -29,6 +28,7 @@ from clutch_hil.recordings.text.headings import Headings, are_names, find_headin
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Line, TextFile, split
 from clutch_hil.recordings.text.marks import check_no_fractions, choose_marks, tells_decimal
 from protocols.errors import InputError
+from protocols.files.arrow import from_texts
 
 _MOST_COLUMNS = 10_000  # more than any logger has channels
 _HEAD_LINES = 2000  # that are looked at; a preamble is shorter
@@ -316,7 +316,7 @@ def _list_clocks(rows: Sequence[Sequence[str]], columns: Sequence[Column], cells
         texts = [row[number] for row in whole]
         if column.kind == "text" or any(map(cells.is_missing, texts)):
             continue
-        values = np.zeros(0) if column.time else cells.parse(pa.array(texts, pa.string())).values
+        values = np.zeros(0) if column.time else cells.parse(from_texts(texts)).values
         if column.time or (np.isfinite(values).all() and np.all(np.diff(values) > 0.0)):
             clocks.append(number)
     return clocks
