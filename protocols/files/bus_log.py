@@ -1,7 +1,7 @@
 """Bus log: the frames of a recorded bus, in order of time, whatever the format of the file; python-can reads it.
 
-Formats         candump (`-L` and screen format), Vector ASC and BLF, PEAK TRC, ASAM MF4 of a bus logger. The
-                content decides, not the suffix
+Formats         candump (`-L` and screen format), Vector ASC and BLF, PEAK TRC, ASAM MF4 of a bus logger, CSV of SavvyCAN
+                and python-can, SQLite of python-can. The content decides, not the suffix
 Damage          lines or objects that are not frames are counted in `damaged`; `cut` notes a file that ends within one
 """
 
@@ -28,11 +28,12 @@ from protocols.files import bus_frames
 from protocols.files.blf_objects import count_sound_objects
 from protocols.files.bus_frames import EXTENDED, BusLog, FrameCollector
 from protocols.files.line_frames import UsualLines, read_usual_lines
-from protocols.files.log_kind import MF4_MARKS, TextLog, recognise_text_log
+from protocols.files.log_kind import MF4_MARKS, TextLog, holds_sqlite_frames, recognise_text_log
 from protocols.files.log_lines import LogLines, read_candump
 from protocols.files.mdf_blocks import check_blocks
 from protocols.files.mf4_frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
+from protocols.files.sqlite_frames import read_sqlite_frames
 
 _BLOCK = 1 << 16  # bytes that decide the format; also frames per block
 # Share of a channel's frames on the bench's identifiers: a wrong CRC passes in 1 of 256, another bus has no valid frame
@@ -61,13 +62,17 @@ def _read_any(path: Path, head: bytes) -> BusLog:
         if not is_bus_log(path, wholly=False):
             raise InputError(f"log {path} cannot be read: it is an MDF file without frames of a CAN bus")
         return _read_mf4(path, head)
+    if holds_sqlite_frames(head):
+        collector = FrameCollector(path, "python-can SQLite", lambda name: "-")
+        return _collect_sound(path, collector, lambda: read_sqlite_frames(path), "", [])
     text_log = recognise_text_log(head)
     if text_log is None:
         reason = next(
             (what for mark, what in _OTHERS.items() if head.startswith(mark)), f"it begins with {head[:16]!r}"
         )
         raise InputError(
-            f"log {path} cannot be read: {reason}; known are candump, Vector ASC and BLF, PEAK TRC, MF4 of a bus logger"
+            f"log {path} cannot be read: {reason}; known are candump, Vector ASC and BLF, PEAK TRC, MF4 of a bus logger,"
+            " CSV of SavvyCAN and python-can, SQLite of python-can"
         )
     return _read_text(path, text_log)
 
@@ -94,6 +99,7 @@ def _read_text(path: Path, text_log: TextLog) -> BusLog:
     """
     readers: dict[str, Callable[[LogLines], Iterable[can.Message]]] = {
         "candump": read_candump,
+        "table": read_candump,
         "asc": lambda lines: can.ASCReader(lines, base=text_log.base),  # type: ignore[arg-type]
         "trc": can.TRCReader,  # type: ignore[dict-item]
     }

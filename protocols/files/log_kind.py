@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+SQLITE_MARK = b"SQLite format 3\0"
 MF4_MARKS = (b"MDF     ", b"UnFinMF ")
 HEAD_LINES = 60  # non-empty lines that decide the format
 _PAIRS = r"(?:[0-9A-Fa-f]{2})"
@@ -24,11 +25,16 @@ _ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))
 _TRC_VERSION = re.compile(r";\$FILEVERSION\s*=\s*([^\s;]+)")
 
 
+# Names of the columns of SavvyCAN (GVRET), and of python-can
+SAVVYCAN = re.compile(r"Time Stamp,ID,Extended,(Dir,)?Bus,LEN,D1\b.*", re.IGNORECASE)
+PYTHON_CAN = "timestamp,arbitration_id,extended,remote,error,dlc,data"
+
+
 @dataclass(frozen=True)
 class TextLog:
-    """Format of a text log. kind: candump, asc, trc; name: for messages. base: of numbers in ASC; relative: times are relative.
+    """Format of a text log. kind: candump, asc, trc, table; name: for messages. base: of numbers in ASC.
 
-    says_times: whether the head of an ASC file declares the reference of its times.
+    relative: times are relative. says_times: whether the head of an ASC file declares the reference of its times.
     """
 
     kind: str
@@ -52,6 +58,8 @@ def recognise_text_log(head: bytes) -> TextLog | None:
         return None
     if version := next((match for line in lines if (match := _TRC_VERSION.match(line))), None):
         return TextLog("trc", "PEAK TRC", encoding, version=version[1])
+    if SAVVYCAN.fullmatch(lines[0]) or lines[0] == PYTHON_CAN:
+        return TextLog("table", "SavvyCAN CSV" if lines[0] != PYTHON_CAN else "python-can CSV", encoding)
     if any(_ASC_HEAD.match(line) for line in lines) or ASC_FRAME.match(lines[0]):
         base = _ASC_BASE.search(text)
         relative = bool(base and (base[2] or "").lower() == "relative")
@@ -75,12 +83,19 @@ def _guess_encoding(head: bytes) -> str:
 
 
 def find_log_kind(path: Path, head: bytes) -> str:
-    """Return the kind of the log that begins with `head`: blf, mf4, or the kind of a text log; "" if it is not a log."""
+    """Return the kind of the log that begins with `head`: blf, mf4, sqlite, or the kind of a text log; "" if it is none."""
     if head.startswith(b"LOGG"):
         return "blf"
     if head.startswith(MF4_MARKS):
         from protocols.files.mf4_frames import is_bus_log
 
         return "mf4" if is_bus_log(path) else ""
+    if holds_sqlite_frames(head):
+        return "sqlite"
     text_log = recognise_text_log(head)
     return text_log.kind if text_log else ""
+
+
+def holds_sqlite_frames(head: bytes) -> bool:
+    """Return whether a file that begins with `head` is a database of SQLite with the table of python-can."""
+    return head.startswith(SQLITE_MARK) and b"arbitration_id" in head

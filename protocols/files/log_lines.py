@@ -2,11 +2,13 @@
 
 candump         screen format and `-L`, with or without direction; data that end within a byte are not a frame
 ASC             times relative to the line before are added up; transmit requests (TxRq) are not frames
+tables          rows of SavvyCAN, with times in us, and of python-can, with data in base64, are written as candump -L
 TRC             version 1.2, which python-can does not read, is written as 1.3; other unknown versions are refused
 """
 
 import io
 import re
+from base64 import b64decode
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,11 +19,12 @@ import numpy as np
 
 from protocols.errors import InputError
 from protocols.files.line_frames import UsualLines
-from protocols.files.log_kind import ASC_FRAME, CANDUMP_LINE, HEAD_LINES, SCREEN_LINE, TextLog
+from protocols.files.log_kind import ASC_FRAME, CANDUMP_LINE, HEAD_LINES, PYTHON_CAN, SAVVYCAN, SCREEN_LINE, TextLog
 
 _LONGEST_LINE = 4096  # characters: ten times a CAN FD frame with all its remarks
 _BACKWARD_SHARE = 0.1  # of steps: if more are negative, the values are time differences
 _MOST_CHANNELS = 64  # whose times are checked
+_CLASSIC_BYTES, _MOST_BYTES = 8, 64  # most data of a classic frame, and of CAN FD
 _FEW_FRAMES = 20  # too few frames to judge by the share of steps
 
 _ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re.IGNORECASE)
@@ -64,6 +67,7 @@ class LogLines(io.TextIOBase):
         self._header: list[str] = []
         self._trc_frame = _TRC_FRAME
         self._again: list[str] = []  # lines that a reader must read before it continues
+        self._with_direction, self._commas = False, 0  # of a table
         self._backward = self._frames = 0
         self._last_stamps: dict[str, float] = {}
         if text_log.kind == "trc" and text_log.version not in _TRC_VERSIONS:
@@ -134,9 +138,10 @@ class LogLines(io.TextIOBase):
         if not text or (text[0] == "#" and self.found.kind == "candump") or text.startswith("//"):
             self._last_answered = True
             return ""
-        prepared = {"candump": self._prepare_candump, "asc": self._prepare_asc, "trc": self._prepare_trc}[
-            self.found.kind
-        ](text)
+        prepare = {
+            "candump": self._prepare_candump, "asc": self._prepare_asc, "trc": self._prepare_trc, "table": self._prepare_row,
+        }[self.found.kind]  # fmt: skip
+        prepared = prepare(text)
         self._last_answered = prepared == ""
         return prepared
 
@@ -157,6 +162,23 @@ class LogLines(io.TextIOBase):
         if match := SCREEN_LINE.fullmatch(text):
             return self._prepare_screen(match)
         return None
+
+    def _prepare_row(self, text: str) -> str | None:
+        """Return a row of a table as candump writes it, "" for the names of the columns, None for another line."""
+        names = text.lower()
+        if SAVVYCAN.fullmatch(text) or names == PYTHON_CAN:
+            self._with_direction = ",dir," in names
+            return ""
+        if not self._whole and text.count(",") < self._commas:
+            return None  # its end is missing, although the rest could be a frame
+        self._commas = text.count(",")
+        written = (
+            _write_python_can(text)
+            if self.found.name == "python-can CSV"
+            else _write_savvycan(text, self._with_direction)
+        )
+        self._expected = written is not None
+        return written
 
     def _prepare_screen(self, match: re.Match[str]) -> str | None:
         if match["time"] is None:
@@ -261,6 +283,44 @@ def read_candump(lines: LogLines) -> Iterator[can.Message]:
 
 def _format_error_id(text: str) -> str:
     return _ERROR_MARK if len(text) == 8 and int(text, 16) & _ERROR_FLAG else text
+
+
+def _write_savvycan(text: str, with_direction: bool) -> str | None:
+    """Return a row of SavvyCAN in the notation of candump -L, None where it is none."""
+    cells = [cell.strip() for cell in text.split(",")]
+    del cells[3 : 3 + with_direction]
+    try:
+        time, can_id, extended, bus, length = cells[:5]
+        count = int(length)
+        data = "".join(f"{int(cell, 16):02X}" for cell in cells[5 : 5 + count])
+        stamp = f"{1e-6 * int(time):.6f}"
+        number = int(can_id, 16)
+        unsound = number < 0 or not bus.isdigit() or not 0 <= count <= _MOST_BYTES
+        if unsound or len(data) != 2 * count or any(cells[5 + count :]):
+            return None
+    except ValueError:
+        return None
+    digits = 8 if extended.lower() in ("true", "1") else 3
+    fd = "#0" if count > _CLASSIC_BYTES else ""
+    return f"({stamp}) {bus} {_format_error_id(f'{number:0{digits}X}')}#{fd}{data}\n"
+
+
+def _write_python_can(text: str) -> str | None:
+    """Return a row of python-can in the notation of candump -L, None where it is none."""
+    try:
+        time, can_id, extended, remote, error, length, coded = text.split(",")
+        data = b64decode(coded, validate=True)
+        number, count = int(can_id, 16), int(length)
+        float(time)
+        unsound = number < 0 or not {extended, remote, error} <= {"0", "1"} or not 0 <= count <= _MOST_BYTES
+        if unsound or (remote == "0" == error and len(data) != count):
+            return None
+    except ValueError:
+        return None
+    if error == "1":
+        return f"({time}) - {_ERROR_MARK}#\n"
+    written = f"R{count}" if remote == "1" else ("#0" if count > _CLASSIC_BYTES else "") + data.hex().upper()
+    return f"({time}) - {number:0{8 if extended == '1' else 3}X}#{written}\n"
 
 
 def _parse_screen_time(text: str) -> float | None:

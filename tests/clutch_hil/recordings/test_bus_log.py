@@ -45,7 +45,7 @@ def test_each_version_of_trc_is_read_as_peak_describes_it(tmp_path: Path, versio
     np.testing.assert_allclose(np.diff(log.stamps), 0.01, atol=1e-6)
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc", ".mf4"])
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc", ".mf4", ".csv", ".db"])
 def test_every_format_gives_the_same_frames_and_its_suffix_says_nothing(tmp_path: Path, suffix: str) -> None:
     path = write(tmp_path / f"bus{suffix}", make_bench_messages())
     other = path.rename(tmp_path / "RECORD.DAT")

@@ -53,14 +53,6 @@ FOREIGN = {
         "the header of a DAT file of DIAdem: save its channels as TDMS",
     ),
     "busmaster.log": (b"***BUSMASTER Ver 3.2.2***\n***PROTOCOL CAN***\n", "a log of BUSMASTER: save its frames as ASC"),
-    "savvycan.csv": (
-        b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n0,00000100,false,Rx,0,2,01,02,\n",
-        "a log of SavvyCAN: save its frames as ASC, TRC or candump",
-    ),
-    "python-can.csv": (
-        b"timestamp,arbitration_id,extended,remote,error,dlc,data\n1.0,0x100,0,0,0,2,AQI=\n",
-        "a log of python-can in CSV: save its frames as ASC, BLF or candump",
-    ),
     "canking.txt": (
         b"Chn Identifier Flg   DLC  D0...1...2  Time     Dir\n 0    00000100         2  01  02       1.000000 R\n",
         "a log of Kvaser CanKing: save its frames as ASC or BLF",
