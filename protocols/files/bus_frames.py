@@ -114,7 +114,8 @@ class FrameCollector:
         length = message.dlc if usual and not message.is_fd else len(data)
         if not isfinite(message.timestamp) or (usual and len(data) != min(length, 8) and not message.is_fd):
             return False
-        if can_id > (_HIGHEST_ID if message.is_extended_id or message.is_error_frame else _HIGHEST_STANDARD_ID):
+        highest = _HIGHEST_ID if message.is_extended_id or message.is_error_frame else _HIGHEST_STANDARD_ID
+        if not 0 <= can_id <= highest:
             return False
         if len(self._stamps) >= MOST_FRAMES:
             raise self._refuse_frames()

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from protocols.errors import InputError, tell_reason
-from protocols.files.bounds import MOST_BYTES, check_rows
+from protocols.files.bounds import MOST_BYTES, check_bytes, check_rows
 from protocols.files.mdf_blocks import open_checked
 from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, list_names, to_physical
+from protocols.files.mdf_texts import cut_cells, decode, follow_offsets
 from protocols.files.mdf_walk import check_inflated, make_damage_error
 from protocols.files.mf4_frames import holds_frames
 from protocols.files.quiet_libraries import quiet
@@ -29,6 +30,9 @@ MASTERS = (
 _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4 = 2, 3, 6  # MDF 4: types of a channel
 _MASTER_3 = 1  # MDF 3: type of a channel
 _VALUE_TYPES_4 = (0, _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4)  # those that hold one value a row
+_VARYING_4, _OFFSET_BITS = 1, 64  # MDF 4: type of a channel of varying length, and bits of its offset in a row
+_NO_CONVERSION: Mapping[int, int] = {4: 0, 3: 65535}  # version of MDF -> kind of a conversion that changes nothing
+_TEXT_BYTES = 64  # that Python takes for a short text
 _NUMBERS_4, _TEXTS_4 = range(6), range(6, 10)  # MDF 4: data types of whole and real numbers; of text
 _NUMBERS_3, _TEXTS_3 = (0, 1, 2, 3, 9, 10, 11, 12, 13, 14, 15, 16), (7,)  # MDF 3: the same
 _VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of varying length
@@ -105,6 +109,55 @@ class MdfFile:
                 counted = (np.arange(rows), np.zeros(rows, bool))
                 values[channel] = self._convert_to_physical(channel, *raw.get(channel, counted))
         return values
+
+    def read_texts(self, channel: MdfChannel) -> list[str]:
+        """Return the texts (rows,) of a channel of text, "" for an invalid one. Raises InputError."""
+        group, source = self._mdf.groups[channel.group], self._find_source(channel)
+        rows = int(group.channel_group.cycles_nr)
+        check_rows(f"recording {self._path}: {channel.name} has", rows, 1)
+        kind = source.conversion.conversion_type if source.conversion is not None else _NO_CONVERSION[self.version]
+        if kind != _NO_CONVERSION[self.version] or (
+            self.version == 4 and source.flags & (_ALL_INVALID | _MAY_BE_INVALID)
+        ):
+            raise InputError(
+                f"recording {self._path}: {channel.name!r} holds text that the file converts, or marks as invalid; save its"
+                " numbers as numbers"
+            )
+        self._check_data(channel, group, rows)
+        beside = self._read_beside(channel, group, source)
+        first = source.byte_offset if self.version == 4 else source.start_offset // 8
+        size = source.bit_count // 8
+        check_bytes(f"recording {self._path}: {channel.name} needs", rows * (size + _TEXT_BYTES))
+        row_bytes = group.channel_group.samples_byte_nr
+        if self.version == 4 and not getattr(group, "uses_ld", False):
+            row_bytes += group.channel_group.invalidation_bytes_nr
+        texts: list[str] = []
+        with self._reading():
+            for fragment in self._mdf._mdf._load_data(group) if rows else ():
+                cells = cut_cells(fragment.data if self.version == 4 else fragment[0], row_bytes, first, size)
+                raw = follow_offsets(cells, beside) if beside is not None else (cell.tobytes() for cell in cells)
+                texts += decode(raw, source.data_type, self.version)
+                if len(texts) >= rows or not len(cells):
+                    break
+        if len(texts) != rows:
+            raise make_damage_error(
+                self._path, f"{channel.name} has {rows} rows by its header, and {len(texts)} in its data"
+            )
+        return texts
+
+    def _read_beside(self, channel: MdfChannel, group: Any, source: Any) -> bytes | None:
+        """Return the bytes beside the rows in which the texts of a channel are; None if they are in the rows."""
+        if self.version == 3 or source.channel_type in _VALUE_TYPES_4:
+            return None
+        if source.channel_type != _VARYING_4 or source.bit_count != _OFFSET_BITS:
+            raise InputError(
+                f"recording {self._path}: {channel.name!r} holds text in an unknown way; save it as numbers"
+            )
+        infos = list(group.get_signal_data_blocks(channel.index))
+        check_bytes(f"recording {self._path}: {channel.name} needs", sum(info.original_size for info in infos))
+        self._check_packed(channel, infos)
+        with self._reading():
+            return bytes(self._mdf._mdf._load_signal_data(group=group, index=channel.index) or b"")
 
     def list_names(self, channel: MdfChannel) -> Mapping[float, str]:
         """Return the names of the raw values of a status; empty if the file names no single values."""
@@ -201,8 +254,13 @@ class MdfFile:
             )
         if not inflate:
             return
+        self._check_packed(channel, infos)
+
+    def _check_packed(self, channel: MdfChannel, infos: Sequence[Any]) -> None:
+        """Raise InputError for blocks of a channel that do not inflate, or to too much."""
         packed = [info for info in infos if info.block_type in (1, 2) and not info.location]  # deflated, in this file
-        if sum(info.original_size for info in packed) > _MOST_INFLATED:
+        size = sum(info.original_size for info in packed)
+        if size > _MOST_INFLATED:
             raise InputError(
                 f"recording {self._path}: the data of {channel.name} become {size / 2**30:.3g} GiB; allowed are"
                 f" {_MOST_INFLATED / 2**30:.3g} GiB"

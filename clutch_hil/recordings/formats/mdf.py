@@ -17,9 +17,11 @@ from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first
 from clutch_hil.recordings.foreign import NEEDS_DATABASE
 from clutch_hil.recordings.formats.bus_log import BusLogFormat
 from clutch_hil.recordings.state_names import note_names, note_other_numbers, take_names
+from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
+from protocols.files.mdf_conversions import TEXT
 from protocols.files.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
 from protocols.files.units import have_same_quantity, to_si
 
@@ -91,14 +93,10 @@ class MdfRecording:
         self.channels: Sequence[Channel] = self._list()
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
-        for channel in channels:
-            if channel.kind == "text":
-                raise InputError(
-                    f"recording {self._path}: {channel.path!r} holds text; allowed are channels of numbers"
-                )
         places = [self._places[channel.number] for channel in channels]
         axes = [group.master for group, _ in places if group.master in self._seconds]
-        wanted = dict.fromkeys([one for _, one in places] + [axis for axis in axes if axis])
+        numbers = [one for _, one in places if one.kind != TEXT]
+        wanted = dict.fromkeys(numbers + [axis for axis in axes if axis])
         check_rows(
             f"recording {self._path}: the requested channels have", max(group.rows for group, _ in places), len(wanted)
         )
@@ -107,6 +105,8 @@ class MdfRecording:
             if axis in values and seconds != 1.0:
                 values[axis] = seconds * values[axis]
         for one, channel in {one: channel for channel, (_, one) in zip(channels, places, strict=True)}.items():
+            if one.kind == TEXT:
+                continue
             names = self._file.list_names(one) if one.kind == "status" else {}
             note = note_other_numbers(channel.path, names)
             if taken := take_names(values[one], names):
@@ -114,9 +114,15 @@ class MdfRecording:
                 note = note_names(channel.path, notes)
             self.notes += [note] if note and note not in self.notes else []
         return [
-            Signal(channel, values[one][: group.rows], self._read_axis(values, group))
+            self._convert_texts(channel, group, one, self._read_axis(values, group))
+            if one.kind == TEXT
+            else Signal(channel, values[one][: group.rows], self._read_axis(values, group))
             for channel, (group, one) in zip(channels, places, strict=True)
         ]
+
+    def _convert_texts(self, channel: Channel, group: MdfGroup, one: MdfChannel, time: np.ndarray | None) -> Signal:
+        texts = self._file.read_texts(one)[: group.rows]
+        return replace(convert_texts(self._path, channel, texts, self.notes), time=time)
 
     def _read_axis(self, values: Mapping[MdfChannel, np.ndarray], group: MdfGroup) -> np.ndarray | None:
         return values[group.master][: group.rows] if group.master and group.master in self._seconds else None

@@ -307,7 +307,9 @@ def test_text_arrays_and_messages_are_told(tmp_path: Path) -> None:
     assert kinds["remark"] == "text"
     assert "map" not in kinds
     assert "left out as arrays or structures: map" in recording.notes
-    assert "holds text; allowed are" in find_refusal(tmp_path, path, MAP.replace('from = "pos"', 'from = "remark"'))
+    assert "'remark' holds text, such as 'ok'; allowed are columns of numbers" in find_refusal(
+        tmp_path, path, MAP.replace('from = "pos"', 'from = "remark"')
+    )
 
 
 def test_a_unit_in_a_name_is_one_where_no_other_is_told(tmp_path: Path) -> None:
