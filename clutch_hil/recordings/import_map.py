@@ -35,12 +35,13 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Recording, choose_channel
+from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel
 from clutch_hil.recordings.checks.values import find_placeholder
 from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, convert_signal, find_unit, read_column
 from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, join
 from clutch_hil.recordings.time_axis import add_times, check_rate, count_rows, find_times_beside
+from clutch_hil.recordings.wrapping import find_range
 from protocols.errors import InputError, name_file_in_errors, suggest_closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
@@ -136,7 +137,7 @@ class ImportMap:
         try:
             pieces, done = join(path, timed, self.sampling)
         except InputError as error:
-            raise InputError(f"{error}{_describe_losses(recording)}") from None
+            raise InputError(f"{error}{_describe_range(signals['time_s'])}{_describe_losses(recording)}") from None
         notes += done
         origin: dict[str, Any] = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
         if constants or formulas:
@@ -234,6 +235,12 @@ def _choose_channel(path: Path, recording: Recording, wanted: str | int) -> Chan
                 told = re.compile(rf"left out .*(?<!\w){re.escape(name)}(?!\w)", re.DOTALL)
                 why = why or next((note for note in recording.notes if told.match(note)), "")
         raise InputError(f"{error}; {why[:_LONGEST_REASON]}" if why else str(error)) from None
+
+
+def _describe_range(clock: Signal) -> str:
+    """Return the range after which a time begins anew, for an error text; "" if it is no counter that does."""
+    period, row = find_range(clock.values)
+    return f"; {clock.channel.path!r} begins anew in row {row}, as a counter does after {period}" if period else ""
 
 
 def _describe_losses(recording: Recording) -> str:

@@ -292,11 +292,12 @@ def _write_savvycan(text: str, with_direction: bool) -> str | None:
     try:
         time, can_id, extended, bus, length = cells[:5]
         count = int(length)
-        data = "".join(f"{int(cell, 16):02X}" for cell in cells[5 : 5 + count])
+        bytes_of_row = [int(cell, 16) for cell in cells[5:] if cell]  # SavvyCAN fills up to eight with 00
+        data = bytes(bytes_of_row[:count]).hex().upper()
         stamp = f"{1e-6 * int(time):.6f}"
         number = int(can_id, 16)
         unsound = number < 0 or not bus.isdigit() or not 0 <= count <= _MOST_BYTES
-        if unsound or len(data) != 2 * count or any(cells[5 + count :]):
+        if unsound or len(data) != 2 * count or len(bytes_of_row) > max(count, _CLASSIC_BYTES):
             return None
     except ValueError:
         return None

@@ -44,6 +44,14 @@ def test_a_log_of_savvycan_is_read(tmp_path: Path, with_direction: bool, end: st
     assert log.stamps[1] - log.stamps[0] == pytest.approx(1e-4, abs=1e-6)
 
 
+def test_cells_behind_the_data_are_none_of_it(tmp_path: Path) -> None:
+    """SavvyCAN writes eight cells, whatever the length."""
+    path = tmp_path / "log.csv"
+    names, row = format_savvycan([make_message(0.5, 0x2B0, b"\x1a\x02\x00")]).splitlines()
+    path.write_text(f"{names}\n{row}00,00,00,00,00,\n")
+    assert read_frames(path) == [(0x2B0, b"\x1a\x02\x00")]
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".db"])
 def test_kinds_of_frames_are_those_of_python_can(tmp_path: Path, suffix: str) -> None:
     log = read_bus_log(write(tmp_path / f"log{suffix}", OF_EACH_KIND))
@@ -65,7 +73,7 @@ def test_more_than_eight_bytes_are_can_fd(tmp_path: Path, suffix: str) -> None:
     "row",
     [
         "1,2,3", "x,00000100,false,Rx,0,1,01,", "1,00000100,false,Rx,0,3,01,", "1,00000100,false,Rx,0,1,1FF,",
-        "1,00000100,false,Rx,0,1,01,02,", "1,-0000100,false,Rx,0,1,01,", "1,00000100,false,Rx,can,1,01,",
+        "1,00000100,false,Rx,0,1,0,1,2,3,4,5,6,7,8", "1,-0000100,false,Rx,0,1,01,", "1,00000100,false,Rx,can,1,01,",
         "1,00000800,false,Rx,0,1,01,", "1,00000100,false,Rx,0,-1,01,",
     ],
 )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.recordings.wrapping import find_range
-from tests.clutch_hil.recordings.text_files import MAP, ROWS, convert_run, read
+from tests.clutch_hil.recordings.text_files import MAP, ROWS, TIME, convert_run, find_refusal, make_table, read
 
 ROW = np.arange(400)
 WAVE = np.rint(300.0 * np.sin(ROW / 20.0))
@@ -53,3 +53,16 @@ def test_an_import_tells_the_range_and_undoes_it(tmp_path: Path) -> None:
     run = read(tmp_path, text, columns=MAP.replace('"Nm" }', '"Nm", wraps_at = 65536 }'))
     np.testing.assert_array_equal(run["torque_nm"], torque)
     assert "jumps by about" not in convert_run(run)
+
+
+@pytest.mark.parametrize(
+    ("first", "step", "unit"), [(2**32 - 300, 10, "ms"), (2**32 - 300_000, 10_000, "us"), (2**16 - 300, 10, "ms")]
+)
+def test_a_clock_that_begins_anew_is_refused_with_its_range(tmp_path: Path, first: int, step: int, unit: str) -> None:
+    period = 2**32 if first > 2**16 else 2**16
+    table = make_table(times=[str((first + step * row) % period) for row in range(ROWS)])
+    columns = MAP.replace('unit = "s"', f'unit = "{unit}"')
+    told = f"'time' begins anew in row 30, as a counter does after {period}"
+    assert told in find_refusal(tmp_path, table, columns=columns)
+    run = read(tmp_path, table, columns=columns.replace(f'"{unit}"', f'"{unit}", wraps_at = {period}'))
+    np.testing.assert_allclose(run["time_s"] - run["time_s"][0], TIME, atol=1e-9)
