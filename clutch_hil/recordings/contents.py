@@ -56,12 +56,13 @@ def make_document(recording: Recording) -> dict:
 def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, object]] = ()) -> str:
     """Return the draft of an import map with all numeric channels. options: entries of [file] to keep.
 
-    Raises InputError if there are fewer than two such channels.
+    Raises InputError if there are fewer than two such channels, or one if the file states its rate.
     """
     empty = [channel for channel in recording.channels if channel.comment == NO_VALUES]
     usable = [channel for channel in recording.channels if channel.kind != "text" and channel not in empty]
     clock = _find_clock(usable) or _find_rising(usable, recording, True)
-    if len(usable) < 2:
+    stated = list_stated_rates(recording.numbers, usable)
+    if len(usable) < (1 if stated else 2):
         raise InputError(
             f"recording {file} has no two columns of numbers to map; list it with: clutch-hil import --list"
         )

@@ -8,11 +8,13 @@ import pytest
 
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
+from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
 from tests.clutch_hil.recordings.maps import find_refusal as find_map_refusal
 from tests.clutch_hil.recordings.maps import import_by
 from tests.clutch_hil.recordings.text_files import (
     SPEED,
+    TIME,
     make_rows,
     make_table,
 )
@@ -26,6 +28,18 @@ def test_a_draft_makes_a_speed_of_turns_in_a_minute(tmp_path: Path, unit: str) -
     file.write_text(make_table(header=f"time,torque [Nm],speed [{unit}]"))
     draft = draft_map(file, open_recording(file, {}))
     np.testing.assert_allclose(import_by(tmp_path, file, draft)["speed_rad_s"], RPM * SPEED, rtol=1e-12)
+
+
+def test_a_draft_of_a_single_column_has_the_rate_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "scope.csv"
+    rows = "".join(f"{value}\n" for value in SPEED)
+    file.write_text(f"#CHANNEL:CH1\n#CLOCK=10.0mS\n#SIZE=60\n#UNITS:V\n\n{rows}")
+    run = import_by(tmp_path, file, draft_map(file, open_recording(file)))
+    np.testing.assert_allclose(run["time_s"], TIME, atol=1e-12)
+    np.testing.assert_array_equal(run["channel_ch1_v"], SPEED)
+    file.write_text(f"value\n{rows}")
+    with pytest.raises(InputError, match="has no two columns of numbers to map"):
+        draft_map(file, open_recording(file))
 
 
 @pytest.mark.parametrize(
