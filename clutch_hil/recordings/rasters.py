@@ -21,6 +21,9 @@ from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 
 _FILTER_ORDER = 4  # usual before inverse dynamics: Gautier 1997
+_LEAST_SHARE = (
+    1e-6  # of half the rate: a constant of 1 then differs by 5e-5 (measured), below it the filter cannot be computed
+)
 ANTI_ALIAS_SHARE = 0.4  # share of the new rate: a common margin of a fifth below half of it
 _FALLS = 1.01  # ratio of rates: smaller differences are within the tolerance of a sample period
 _MOST_PIECES = 1000  # runs from one recording, at most: more indicate a wrong longest_gap_s
@@ -157,6 +160,8 @@ def filter_low_pass(
 
     if not limit < 0.5 * rate:
         raise InputError(f"{what} is {limit:g} Hz; allowed is below {0.5 * rate:g} Hz for {name} in {file}")
+    if limit < (least := 0.5 * _LEAST_SHARE * rate):
+        raise InputError(f"{what} is {limit:g} Hz; allowed is {least:g} Hz and more for {name} in {file}")
     low = butter(_FILTER_ORDER, limit / (0.5 * rate), output="sos")
     padding = 3 * (_FILTER_ORDER + 1)  # rows that sosfiltfilt adds at each end
     if len(values) <= padding:

@@ -268,6 +268,7 @@ def test_what_would_be_folded_down_is_filtered_where_the_rate_falls(tmp_path: Pa
         (COLUMNS.replace('from = "qm"', "number = 9"), {}, "has no column number 9; it has 3 columns"),
         ("[file]\nresample_hz = -5.0\n" + COLUMNS, {}, "resample_hz is -5; allowed is 0 or more"),
         ("[file]\nlow_pass_hz = 600.0\n" + COLUMNS, {}, "low_pass_hz is 600 Hz; allowed is below 500 Hz"),
+        ("[file]\nlow_pass_hz = 1e-9\n" + COLUMNS, {}, "low_pass_hz is 1e-09 Hz; allowed is 0.0005 Hz and more"),
         ("[file]\nfrom_s = 9.0\n" + COLUMNS, {}, "has no row from 9 to inf s; its rows are at 0 to 0.399 s"),
     ],
 )  # fmt: skip
