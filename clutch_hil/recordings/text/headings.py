@@ -113,7 +113,9 @@ def find_headings(
     elif sought:
         near = _list_nearest(top, rows, cells)
         plain = [n for n in near if not are_types(rows[n])]
-        units = next((n for known in (is_unit, names_unit) for n in plain if _are_units(rows[n], known)), None)
+        possible = [n for known in (is_unit, names_unit) for n in plain if _are_units(rows[n], known)]
+        named = [n for n in possible if not is_time_name(rows[n][0])]  # t, M, n are rather names, below their units
+        units = next(iter(named or possible), None)
         if units is None:  # `Y_Unit_Label` of LabVIEW stands further above the names
             labelled = (n for n in range(top - 1, max(top - 1 - _MOST_REMARKS, -1), -1) if _is_label(rows[n][:1]))
             units = next((n for n in labelled if _are_units(rows[n])), None)

@@ -201,3 +201,11 @@ def test_true_and_false_need_no_unit(tmp_path: Path) -> None:
     columns = '[columns]\ntime_s = { from = "time", unit = "s" }\nenabled_1 = { from = "on" }\n'
     run = read(tmp_path, make_rows("time,on", *rows), columns=columns)
     np.testing.assert_array_equal(run["enabled_1"], np.arange(ROWS) % 2)
+
+
+@pytest.mark.parametrize("header", ["s,kNm,rpm\nt,M,n", "t,M,n\ns,kNm,rpm", "s,kNm,rpm\nt,M,n\n"])
+def test_names_that_could_be_units_are_told_from_these(tmp_path: Path, header: str) -> None:
+    columns = MAP.replace('"time"', '"t"').replace('"torque"', '"M"').replace('"speed"', '"n"')
+    run = read(tmp_path, make_table(header=header), columns=columns)
+    np.testing.assert_allclose(run["time_s"], TIME)
+    np.testing.assert_allclose(run["torque_nm"], 1e3 * TORQUE)
