@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ _TIMES = ("time", "time_s", "t", "timestamp", "timestamps", "zeit")  # names of 
 _FEWEST_ROWS = 50  # of a run
 _MOST_ENTRIES = 20_000  # datasets and groups of a file: 2 s to walk through
 _MOST_COLUMNS = 1000  # of a dataset with two axes: more are a picture
+_MOST_FIELDS = 10_000  # of the rows of a table, with those in fields
 _MOST_DEPTH = 32
 _MOST_TIMES = 4_000_000  # numbers of time axes that are read while a file is opened: 32 MB
 _MOST_REMARKS = 20
@@ -266,7 +268,11 @@ class _Walk:
         import h5py
 
         axis, count = int(np.argmax(data.shape)), len(data.dtype.names)
-        for one in list_fields(data.dtype):
+        fields = list(islice(list_fields(data.dtype), _MOST_FIELDS + 1))
+        if len(fields) > _MOST_FIELDS:
+            self.left_out[path] = f"rows of more than {_MOST_FIELDS} fields"
+            return
+        for one in fields:
             place = _Place(data.name, one.outer, one.inside, axis=axis)
             inside = f"{path}/{one.path}"
             if h5py.check_string_dtype(one.kind) is not None and not place.inside:

@@ -109,7 +109,7 @@ class Cells:
 
     def are_initials(self, cells: Sequence[str]) -> bool:
         """Whether the cells are both flags of a pair, such as Y and N, and nothing else."""
-        return {cell.lower() for cell in cells} in _PAIRS_OF_INITIALS
+        return bool(cells) and self.is_initial(cells[0]) and {cell.lower() for cell in cells} in _PAIRS_OF_INITIALS
 
     def read_number(self, cell: str) -> float:
         """The number in a cell, not-a-number where it holds none."""

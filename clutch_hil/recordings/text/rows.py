@@ -16,6 +16,7 @@ from protocols.errors import InputError, format_count
 _DAMAGED_SHARE = 0.01  # of the rows: more are no damage but another layout than was found
 _LEAD = 200  # bytes that tell of a first line how it begins
 _MOST_HEAD = 100  # lines above the rows in which the name of their channel is looked for
+_LONGEST_NAME = 200  # characters of such a line
 _CHANNEL = re.compile(
     r"\W*(?P<key>channel|kanal|source|trace|signal|curve)(\s?(name|no|number))?\s*[:=]\s*(?P<name>\S.*?)\s*",
     re.IGNORECASE,
@@ -50,7 +51,7 @@ class Rows:
 
     def check_channel(self, path: Path, line: int, text: str) -> None:
         """Raise InputError for a comment between the rows that names another channel than the one above all rows."""
-        named = _CHANNEL.fullmatch(text)
+        named = _CHANNEL.fullmatch(text[:_LONGEST_NAME])
         above = self.channels.get(named["key"].lower(), "") if named else ""
         if named and above not in ("", named["name"]):
             raise InputError(
@@ -92,7 +93,7 @@ def read_rows(
     """Tables with the columns `wanted`, numbers from 1, as text; and a function from a row of the table to its line."""
     left_out.width = len(layout.columns)
     head = file.head[: find_end_of_lines(file.head, min(layout.first - 1, _MOST_HEAD))].decode("utf-8", "replace")
-    named = filter(None, map(_CHANNEL.fullmatch, head.split("\n")))
+    named = filter(None, (_CHANNEL.fullmatch(line[:_LONGEST_NAME]) for line in head.split("\n")))
     left_out.channels = {match["key"].lower(): match["name"] for match in named}
     for block in file.read_blocks():
         part = _cut(block, layout.first, layout.last)

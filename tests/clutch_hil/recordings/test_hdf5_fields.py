@@ -65,6 +65,17 @@ def test_a_single_row_of_arrays_is_told(tmp_path: Path) -> None:
     assert told in open_hdf5(write(tmp_path, fill)).notes
 
 
+def test_a_table_of_too_many_fields_is_told(tmp_path: Path) -> None:
+    """A type of a few hundred bytes can claim any number of them, without data."""
+    kind = np.dtype([("x", np.dtype([("y", "i1", (100,))]), (100,)), ("z", "i1", (100,))])
+
+    def fill(content: h5py.File) -> None:
+        content.create_dataset("table", (3,), dtype=kind, chunks=(1,))
+        content["torque"] = Q
+
+    assert "left out table (rows of more than 10000 fields)" in open_hdf5(write(tmp_path, fill)).notes
+
+
 @pytest.mark.parametrize("rows", [5, 20, 49])
 def test_a_channel_a_row_is_found_in_a_short_recording(tmp_path: Path, rows: int) -> None:
     data = np.vstack([T[:rows], Q[:rows]])

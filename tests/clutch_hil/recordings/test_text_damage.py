@@ -355,3 +355,10 @@ def test_rows_of_another_channel_below_are_refused(tmp_path: Path, mark: str) ->
     sentence = find_refusal(tmp_path, one + "\n\n" + other, columns=columns)
     assert f"has rows of another channel below '{mark}CHANNEL:CH2' in line 68, above are those of 'CH1'" in sentence
     np.testing.assert_allclose(read(tmp_path, one, columns=columns)["valve_voltage_v"], TORQUE)
+
+
+def test_a_long_comment_that_names_a_channel_takes_no_time(tmp_path: Path) -> None:
+    comment = "#CHANNEL:CH1" + 60_000 * " " + "x"
+    begin = time.process_time()
+    assert_right(read(tmp_path, f"{comment}\n" + make_table().replace("\n0.1000,", f"\n{comment}\n0.1000,")))
+    assert time.process_time() - begin < MOST_SECONDS
