@@ -307,11 +307,15 @@ class _Walk:
         self.places.append(place)
 
     def _choose_axis(self, data: Any) -> int:
-        """The axis of the rows of a dataset with two: the one with times, else the first unless it is too short for a run."""
+        """The axis of the rows of a dataset with two: the one with times, else the one across the names of columns, else the
+        first unless it is too short for a run."""
         for axis in (0, 1):
             if self._find_time(data, axis):
                 return axis
         rows, columns = data.shape
+        for axis in (0, 1):
+            if rows != columns and self._labels.list_names(data, data.shape[1 - axis]):
+                return axis
         times, others = self._find_lengths(data.parent)
         if columns <= rows or rows in times:
             return 0

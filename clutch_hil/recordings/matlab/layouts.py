@@ -296,6 +296,9 @@ def _find_row_axis(shape: tuple[int, ...], about: About) -> int | None:
     fitting = [axis for axis in long if shape[axis] in about.lengths]
     if len(fitting) == 1:
         return fitting[0]
+    named = [axis for axis in long if shape[axis] in (len(about.names), len(about.units))]
+    if len(named) == 1:  # a name or a unit for each column
+        return next(axis for axis in long if axis != named[0])
     return long[0] if shape[long[0]] >= shape[long[1]] else long[1]
 
 

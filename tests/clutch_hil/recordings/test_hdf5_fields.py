@@ -84,6 +84,21 @@ def test_a_channel_a_row_is_found_in_a_short_recording(tmp_path: Path, rows: int
     np.testing.assert_array_equal(read_values(recording, "data[1,:]"), Q[:rows])
 
 
+@pytest.mark.parametrize("shape", [(12, 30), (30, 12), (200, 3), (3, 200)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_names_tell_which_axis_has_the_columns(tmp_path: Path, shape: tuple[int, int], axis: int) -> None:
+    data = np.arange(shape[0] * shape[1], dtype=float).reshape(shape)
+    names = [f"channel {number}" for number in range(shape[1 - axis])]
+
+    def fill(content: h5py.File) -> None:
+        content["data"] = data
+        content["data"].attrs["columns"] = names
+
+    recording = open_hdf5(write(tmp_path, fill))
+    assert [channel.name for channel in recording.channels] == names
+    np.testing.assert_array_equal(read_values(recording, names[1]), data.take(1, 1 - axis))
+
+
 @pytest.mark.parametrize(
     ("names", "units"),
     [(["time", "torque"], ["ms", "kNm"]), ("time,torque", "ms,kNm"), ("time; torque", "ms; kNm")],

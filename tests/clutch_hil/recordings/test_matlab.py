@@ -139,6 +139,24 @@ def test_names_and_units_may_be_one_text_or_a_matrix_of_characters(tmp_path: Pat
     assert [(channel.name, channel.unit) for channel in channels] == list(zip(known, ["ms", "kN"], strict=True))
 
 
+@pytest.mark.parametrize("shape", [(12, 30), (30, 12), (200, 3), (3, 200)])
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("label", ["names", "units"])
+def test_names_or_units_tell_which_axis_has_the_columns(
+    tmp_path: Path, shape: tuple[int, int], axis: int, label: str
+) -> None:
+    data = np.arange(shape[0] * shape[1], dtype=float).reshape(shape)
+    texts = np.array(
+        ["V" if label == "units" else f"channel {number}" for number in range(shape[1 - axis])], dtype=object
+    )
+    file = tmp_path / "labels.mat"
+    savemat(file, {"data": data, label: texts})
+    recording = open_recording(file)
+    assert [channel.rows for channel in recording.channels] == shape[1 - axis] * [shape[axis]]
+    if label == "names":
+        np.testing.assert_array_equal(read_values(recording, "channel 1"), data.take(1, 1 - axis))
+
+
 def test_a_unit_beside_one_array_is_its_own(tmp_path: Path) -> None:
     content = {"p": {"time": T, "values": Q, "unit": "bar"}, "two": {"a": T, "b": Q, "unit": "bar", "b_unit": "V"}}
     recording = open_recording(write(tmp_path, content))
