@@ -29,6 +29,7 @@ _FEW_FRAMES = 20  # too few frames to judge by the share of steps
 
 _ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re.IGNORECASE)
 _ASC_SYMBOLIC = re.compile(r"\d+\.\d+\s+\d+\s+(?P<name>[A-Za-z_]\w*)\s+(?:Rx|Tx)\s+[dr]\b", re.IGNORECASE)
+_ASC_J1939 = re.compile(r"\d+\.\d+\s+\d+\s+(?:J1939TP\s+)?[0-9A-Fa-f]+p\s", re.IGNORECASE)
 _ASC_BEGIN = re.compile(r"date\s|begin\s+trigger\s*block\b", re.IGNORECASE)
 _ASC_TIME = re.compile(r"(\d+\.\d+)(\s+.*)", re.DOTALL)
 _ASC_BORING = re.compile(r"//|end\s+trigger\s*block|(no\s+)?internal\s+events|date\s|base\s", re.IGNORECASE)
@@ -63,7 +64,7 @@ class LogLines(io.TextIOBase):
         self.notes: list[str] = []
         self.heads: list[int] = []
         self._file, self._expected, self._whole, self._last_answered = file, False, True, True
-        self._time, self._requests, self._tokens = 0.0, 0, 0
+        self._time, self._requests, self._groups, self._tokens = 0.0, 0, 0, 0
         self._header: list[str] = []
         self._trc_frame = _TRC_FRAME
         self._again: list[str] = []  # lines that a reader must read before it continues
@@ -223,6 +224,10 @@ class LogLines(io.TextIOBase):
                 else " (candump -t d); record with candump -L"
             )
             raise InputError(f"log {self.path} has times between frames, not times{remedy}")
+        if self._groups:
+            self.notes.append(
+                f"left out {self._groups} parameter groups of J1939, not frames: record the frames themselves"
+            )
         if self._requests:
             self.notes.append(f"left out {self._requests} requests to send (TxRq): they are not frames on the bus")
         if self.found.relative:
@@ -240,6 +245,9 @@ class LogLines(io.TextIOBase):
             if not self.found.says_times:
                 self._note_stamp(float(text.split(maxsplit=1)[0]), text.split(maxsplit=2)[1])
             return text + "\n"
+        if _ASC_J1939.match(text):
+            self._groups += 1
+            return ""
         if symbolic := _ASC_SYMBOLIC.match(text):
             raise InputError(
                 f"log {self.path}: line {self.number} has the name {symbolic['name']!r} where an identifier is needed; write"

@@ -92,6 +92,18 @@ def test_everyday_texts_are_read(tmp_path: Path, content: bytes) -> None:
     assert np.allclose(np.diff(log.stamps), np.tile([1e-4, 9e-4], 40)[:-1], atol=2e-6)
 
 
+@pytest.mark.parametrize(
+    "line", ["9.0 1  J1939TP FEE3p 6 0 0 -   Rx d 23 01 02 03 ", "9.0 1  18FEF100p Rx d 8 00 11 22 33 44 55 66 77"]
+)
+def test_parameter_groups_of_j1939_in_asc_are_told(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "bus.asc"
+    path.write_text(format_asc(make_bench_messages()) + f"  {line}\n")
+    assert read_frames(path) == WANTED
+    assert read_bus_log(path).notes == [
+        "left out 1 parameter groups of J1939, not frames: record the frames themselves"
+    ]
+
+
 REFUSED: dict[str, tuple[bytes, str]] = {
     "no times": (
         format_screen(make_bench_messages()).replace("(", "").encode().replace(b"1700000000", b""),
