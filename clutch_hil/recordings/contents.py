@@ -1,6 +1,7 @@
 """Contents of a recording for the user: a table of its channels, and a draft of an import map."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from unicodedata import combining, normalize
@@ -18,6 +19,7 @@ from protocols.files.units import contradict
 
 _NO_UNIT = "  # the file states no known unit: set unit, and the ending of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
+_MOST_TEXTS = 100  # channels of text that a draft reads to see whether they are numbers
 _VALVE, _MOST_CURRENTS = "valve_voltage_v", 5
 
 
@@ -59,7 +61,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     Raises InputError if there are fewer than two such channels, or one if the file states its rate.
     """
     empty = [channel for channel in recording.channels if channel.comment == NO_VALUES]
-    usable = [channel for channel in recording.channels if channel.kind != "text" and channel not in empty]
+    usable = [channel for channel in _convert_texts(recording) if channel.kind != "text" and channel not in empty]
     clock = _find_clock(usable) or _find_rising(usable, recording, True)
     stated = list_stated_rates(recording.numbers, usable)
     if len(usable) < (1 if stated else 2):
@@ -111,6 +113,18 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             *(_draft_valve(usable, recording) if _VALVE in missing else []),
         ]
     return "\n".join([*lines, ""])
+
+
+def _convert_texts(recording: Recording) -> list[Channel]:
+    """Return the channels; those of text whose values are numbers, times or flags as text are of that kind."""
+    channels, left = [], _MOST_TEXTS
+    for channel in recording.channels:
+        if channel.kind == "text" and left:
+            left -= 1
+            with suppress(InputError):  # words
+                channel = recording.read([channel])[0].channel
+        channels.append(channel)
+    return channels
 
 
 def _draft_valve(channels: Sequence[Channel], recording: Recording) -> list[str]:

@@ -4,6 +4,8 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from clutch_hil.recordings.contents import draft_map
@@ -28,6 +30,22 @@ def test_a_draft_makes_a_speed_of_turns_in_a_minute(tmp_path: Path, unit: str) -
     file.write_text(make_table(header=f"time,torque [Nm],speed [{unit}]"))
     draft = draft_map(file, open_recording(file, {}))
     np.testing.assert_allclose(import_by(tmp_path, file, draft)["speed_rad_s"], RPM * SPEED, rtol=1e-12)
+
+
+def test_a_draft_takes_numbers_times_and_flags_as_text(tmp_path: Path) -> None:
+    times = [f"2026-11-30T10:11:{12.0 + t:06.3f}" for t in TIME]
+    columns = {
+        "time": times, "speed [rpm]": [f"{value:.2f}" for value in SPEED], "valve": ["on", "off"] * 30,
+        "remark": ["a word"] * 60,
+    }  # fmt: skip
+    file = tmp_path / "recording.parquet"
+    pq.write_table(pa.table(columns), file)
+    draft = draft_map(file, open_recording(file))
+    assert "remark" not in draft.partition("[columns]")[2].partition("# A run")[0]
+    run = import_by(tmp_path, file, draft)
+    np.testing.assert_allclose(run["time_s"], TIME, atol=1e-9)
+    np.testing.assert_allclose(run["speed_rpm_rad_s"], RPM * SPEED, rtol=1e-9)
+    np.testing.assert_array_equal(run["valve_1"], [1.0, 0.0] * 30)
 
 
 def test_a_draft_of_a_single_column_has_the_rate_of_the_file(tmp_path: Path) -> None:
