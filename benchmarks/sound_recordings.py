@@ -239,10 +239,12 @@ def _list_bus_logs(folder: Path) -> Iterator[Sound]:
     play = partial(play_copy, options={"dbc": str(dbc)}, map_file=map_file)
     writers: dict[str, tuple[str, dict[str, Any]]] = {
         "candump": ("sound.log", {}), "ASC": ("sound.asc", {}), "TRC": ("sound.trc", {}),
+        "CSV of python-can": ("frames.csv", {}), "SQLite of python-can": ("frames.db", {}),
         "BLF": ("sound.blf", {"compression_level": 0}),  # uncompressed, so that damage reaches the objects
         "BLF deflated": ("deflated.blf", {"max_container_size": 2000}),
     }  # fmt: skip
     for name, (file_name, options) in writers.items():
+        (folder / file_name).unlink(missing_ok=True)  # a database would grow
         with can.Logger(folder / file_name, **options) as writer:
             for message in messages:
                 writer(message)
