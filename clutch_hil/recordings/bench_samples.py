@@ -19,8 +19,8 @@ from clutch_hil.recordings.can_signals import read_physical_values
 from protocols.can.frames import load_frames
 from protocols.errors import format_count
 from protocols.files.bounds import check_rows
-from protocols.files.bus_frames import BusLog
-from protocols.files.bus_log import check_crcs
+from protocols.files.bus_logs.bus_frames import BusLog
+from protocols.files.bus_logs.bus_log import check_crcs
 
 BRIDGED = 0.05  # s: `longest_gap_s` of the map bench.toml
 _RATES = (50.0, 20_000.0)  # Hz, allowed rates in a heartbeat: up to twice the highest of a bench

@@ -29,9 +29,9 @@ from protocols.can.database import is_carried, read_data_id
 from protocols.can.frames import DBC, DBC_1, FrameCodec
 from protocols.can.version import VERSION_1, VERSION_2, Version, find_version
 from protocols.errors import InputError, format_count, join_names
-from protocols.files.bus_frames import ERROR, EXTENDED, FD, FLAG_NAMES, REMOTE, BusLog
-from protocols.files.bus_log import check_crcs, check_size, find_claim_sessions, read_bus_log
-from protocols.files.version_1 import find_old_channels
+from protocols.files.bus_logs.bus_frames import ERROR, EXTENDED, FD, FLAG_NAMES, REMOTE, BusLog
+from protocols.files.bus_logs.bus_log import check_crcs, check_size, find_claim_sessions, read_bus_log
+from protocols.files.bus_logs.version_1 import find_old_channels
 
 _SAMPLES = "SAMPLES"  # raster of the bench's samples
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970

@@ -16,9 +16,9 @@ from protocols.can.lifecycle import Lifecycle
 from protocols.can.traffic import Traffic
 from protocols.can.version import VERSION_1, VERSION_2
 from protocols.errors import InputError
-from protocols.files import version_1
-from protocols.files.bus_frames import FLAG_NAMES, BusLog
-from protocols.files.bus_log import check_size, iterate, mark_bench_frames, read_bus_log
+from protocols.files.bus_logs import version_1
+from protocols.files.bus_logs.bus_frames import FLAG_NAMES, BusLog
+from protocols.files.bus_logs.bus_log import check_size, iterate, mark_bench_frames, read_bus_log
 
 COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
 _FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py

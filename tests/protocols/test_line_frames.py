@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.bus_frames import BusLog
-from protocols.files.bus_log import read_bus_log
+from protocols.files.bus_logs.bus_frames import BusLog
+from protocols.files.bus_logs.bus_log import read_bus_log
 
 HEAD = "date Wed Nov 25 03:01:09.978 2026\nbase hex  timestamps absolute\ninternal events logged\n"
 # Lines of every kind, with what is not usual between what is
@@ -34,7 +34,7 @@ ASC = [
 
 def read_by_python_can(path: Path, monkeypatch: pytest.MonkeyPatch) -> BusLog:
     with monkeypatch.context() as patched:
-        patched.setattr("protocols.files.bus_log._find_usual_lines", lambda *_: None)
+        patched.setattr("protocols.files.bus_logs.bus_log._find_usual_lines", lambda *_: None)
         return read_bus_log(path)
 
 
@@ -67,7 +67,7 @@ def test_lines_of_every_kind_are_read_as_python_can_reads_them(
     text = text.replace("\n", line_break)
     path = tmp_path / "bus.log"
     path.write_bytes(text.encode() if ends else text.encode()[: -3 - draw.randrange(12)])
-    monkeypatch.setattr("protocols.files.line_frames._PART", 3000)  # a part ends within lines
+    monkeypatch.setattr("protocols.files.bus_logs.line_frames._PART", 3000)  # a part ends within lines
     assert len(check_equal(path, monkeypatch)) > 100
 
 

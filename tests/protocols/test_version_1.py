@@ -11,9 +11,9 @@ from cantools.database.can import Signal
 from protocols.can.frames import DBC, DBC_1, Frame, FrameCodec, load_frames
 from protocols.can.reception import Reception
 from protocols.can.version import VERSION_1, VERSION_2, find_version
-from protocols.files.bus_frames import FD, BusLog
-from protocols.files.bus_log import mark_bench_frames
-from protocols.files.version_1 import convert_frames, find_old_channels, fit_setpoint
+from protocols.files.bus_logs.bus_frames import FD, BusLog
+from protocols.files.bus_logs.bus_log import mark_bench_frames
+from protocols.files.bus_logs.version_1 import convert_frames, find_old_channels, fit_setpoint
 
 OLD, NEW = load_frames(DBC_1), load_frames()
 OLD_DATABASE, NEW_DATABASE = cantools.database.load_file(DBC_1), cantools.database.load_file(DBC)

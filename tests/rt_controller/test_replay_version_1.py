@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from protocols.can.frames import DBC_1, load_frames
-from protocols.files.version_1 import NOTE
+from protocols.files.bus_logs.version_1 import NOTE
 from rt_controller.loop.bench_log import Log
 from rt_controller.loop.node import ControllerNode
 from rt_controller.loop.replay import Answers, answer_log

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.recordings.channel import Recording
-from protocols.files.log_kind import find_log_kind
+from protocols.files.bus_logs.log_kind import find_log_kind
 
 
 class BusLogFormat:

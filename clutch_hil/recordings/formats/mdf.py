@@ -21,8 +21,8 @@ from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
-from protocols.files.mdf_conversions import TEXT
-from protocols.files.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
+from protocols.files.mdf.mdf_conversions import TEXT
+from protocols.files.mdf.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
 from protocols.files.units import have_same_quantity, to_si
 
 _MASTER_UNITS = {"angle": "rad", "distance": "m", "index": "1"}  # ASAM MDF 4.2, table 17; where the file writes none

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from clutch_hil.command import make_application
-from protocols.files.version_1 import NOTE
+from protocols.files.bus_logs.version_1 import NOTE
 from tests import needs
 
 pytestmark = pytest.mark.needs("field cases")

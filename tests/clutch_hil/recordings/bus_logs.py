@@ -7,7 +7,7 @@ import can
 
 from benchmarks.logged_frames import write_mf4
 from protocols.can.frames import load_frames
-from protocols.files.bus_log import read_bus_log
+from protocols.files.bus_logs.bus_log import read_bus_log
 
 CODECS = load_frames()
 ENCODER, ANALOG = CODECS["ENCODER"], CODECS["ANALOG_SENSORS"]

@@ -9,7 +9,7 @@ import pytest
 
 from clutch_hil.recordings.format import recognise
 from protocols.errors import InputError
-from protocols.files.bus_log import read_bus_log
+from protocols.files.bus_logs.bus_log import read_bus_log
 from tests.clutch_hil.recordings.bus_logs import (
     ASC_HEAD,
     WANTED,

@@ -9,7 +9,7 @@ from clutch_hil.recordings.format import open_recording
 from protocols.can.frames import Frame, list_bus_frames
 from protocols.can.request import Request
 from protocols.can.traffic import Traffic
-from protocols.files.bus_log import mark_bench_frames, read_bus_log
+from protocols.files.bus_logs.bus_log import mark_bench_frames, read_bus_log
 from tests.claims import Supervisor
 from tests.clutch_hil.recordings.bus_logs import START, make_message, write
 

@@ -13,7 +13,7 @@ import pytest
 
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
-from protocols.files.bus_log import read_bus_log
+from protocols.files.bus_logs.bus_log import read_bus_log
 from tests.clutch_hil.recordings.bus_logs import (
     WANTED,
     format_asc,
@@ -124,7 +124,7 @@ def test_too_many_frames_or_channels_are_refused(tmp_path: Path, monkeypatch: py
     path.write_text("".join(f"(1.0) can{n} 100#11\n" for n in range(300)))
     with pytest.raises(InputError, match="more than 256 channels"):
         read_bus_log(path)
-    monkeypatch.setattr("protocols.files.bus_frames.MOST_FRAMES", 50)
+    monkeypatch.setattr("protocols.files.bus_logs.bus_frames.MOST_FRAMES", 50)
     for name in ("bus.blf", "bus.asc", "bus.mf4"):
         with pytest.raises(InputError, match="frames"):
             read_bus_log(write(tmp_path / name, make_bench_messages()))

@@ -9,8 +9,8 @@ import can
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.bus_frames import ERROR, EXTENDED, FD, REMOTE
-from protocols.files.bus_log import read_bus_log
+from protocols.files.bus_logs.bus_frames import ERROR, EXTENDED, FD, REMOTE
+from protocols.files.bus_logs.bus_log import read_bus_log
 from tests.clutch_hil.recordings.bus_logs import WANTED, make_bench_messages, make_message, read_frames, write
 
 OF_EACH_KIND = [

@@ -12,7 +12,7 @@ from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.can.frames import DBC
 from protocols.errors import InputError
-from protocols.files.bus_log import read_bus_log
+from protocols.files.bus_logs.bus_log import read_bus_log
 from tests.clutch_hil.recordings.bus_logs import START, make_bench_messages, make_message
 from tests.clutch_hil.recordings.maps import import_by
 

@@ -22,8 +22,8 @@ from protocols.can.database import read_database
 from protocols.can.frames import COUNTER_START, DBC, DBC_1, FrameCodec, load_frames
 from protocols.can.two_clutches import CLUTCHES
 from protocols.can.version import LENGTH, VERSION_1, VERSION_2
-from protocols.files.bus_frames import BusLog
-from protocols.files.bus_log import check_crcs, compute_crcs, mark_bench_frames
+from protocols.files.bus_logs.bus_frames import BusLog
+from protocols.files.bus_logs.bus_log import check_crcs, compute_crcs, mark_bench_frames
 
 NOTE = "its frames are of version 1 of the bench's database, with a CRC of 8 bits; converted to version 2"
 _WRAPPED = ("SHAFT_ANGLE", "SAMPLE_TICK", "SESSION")  # signals of which the lower bits are kept

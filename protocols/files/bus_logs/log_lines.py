@@ -18,8 +18,16 @@ import can
 import numpy as np
 
 from protocols.errors import InputError
-from protocols.files.line_frames import UsualLines
-from protocols.files.log_kind import ASC_FRAME, CANDUMP_LINE, HEAD_LINES, PYTHON_CAN, SAVVYCAN, SCREEN_LINE, TextLog
+from protocols.files.bus_logs.line_frames import UsualLines
+from protocols.files.bus_logs.log_kind import (
+    ASC_FRAME,
+    CANDUMP_LINE,
+    HEAD_LINES,
+    PYTHON_CAN,
+    SAVVYCAN,
+    SCREEN_LINE,
+    TextLog,
+)
 
 _LONGEST_LINE = 4096  # characters: ten times a CAN FD frame with all its remarks
 _BACKWARD_SHARE = 0.1  # of steps: if more are negative, the values are time differences

@@ -24,16 +24,16 @@ from protocols.can.two_clutches import CLUTCHES
 from protocols.can.version import VERSION_1, VERSION_2, Version
 from protocols.can.words import CRC_START, CRC_TABLE
 from protocols.errors import InputError
-from protocols.files import bus_frames
-from protocols.files.blf_objects import count_sound_objects
-from protocols.files.bus_frames import EXTENDED, BusLog, FrameCollector
-from protocols.files.line_frames import UsualLines, read_usual_lines
-from protocols.files.log_kind import MF4_MARKS, TextLog, holds_sqlite_frames, recognise_text_log
-from protocols.files.log_lines import LogLines, read_candump
-from protocols.files.mdf_blocks import check_blocks
-from protocols.files.mf4_frames import is_bus_log, read_frames
+from protocols.files.bus_logs import bus_frames
+from protocols.files.bus_logs.blf_objects import count_sound_objects
+from protocols.files.bus_logs.bus_frames import EXTENDED, BusLog, FrameCollector
+from protocols.files.bus_logs.line_frames import UsualLines, read_usual_lines
+from protocols.files.bus_logs.log_kind import MF4_MARKS, TextLog, holds_sqlite_frames, recognise_text_log
+from protocols.files.bus_logs.log_lines import LogLines, read_candump
+from protocols.files.bus_logs.sqlite_frames import read_sqlite_frames
+from protocols.files.mdf.mdf_blocks import check_blocks
+from protocols.files.mdf.mf4_frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
-from protocols.files.sqlite_frames import read_sqlite_frames
 
 _BLOCK = 1 << 16  # bytes that decide the format; also frames per block
 # Share of a channel's frames on the bench's identifiers: a wrong CRC passes in 1 of 256, another bus has no valid frame

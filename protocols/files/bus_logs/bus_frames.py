@@ -14,8 +14,8 @@ import can
 import numpy as np
 
 from protocols.errors import InputError, join_names
-from protocols.files.line_frames import UsualLines
-from protocols.files.time_restarts import find_restart, find_step_back
+from protocols.files.bus_logs.line_frames import UsualLines
+from protocols.files.bus_logs.time_restarts import find_restart, find_step_back
 
 MOST_FRAMES = 10_000_000  # 33 min of a bench at 1 kHz; they take 0.4 GB while they are read
 MOST_CHANNELS = 256  # more occur only in a damaged file

@@ -12,11 +12,11 @@ import numpy as np
 
 from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import MOST_BYTES, check_bytes, check_rows
-from protocols.files.mdf_blocks import open_checked
-from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, list_names, to_physical
-from protocols.files.mdf_texts import cut_cells, decode, follow_offsets
-from protocols.files.mdf_walk import check_inflated, make_damage_error
-from protocols.files.mf4_frames import holds_frames
+from protocols.files.mdf.mdf_blocks import open_checked
+from protocols.files.mdf.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, list_names, to_physical
+from protocols.files.mdf.mdf_texts import cut_cells, decode, follow_offsets
+from protocols.files.mdf.mdf_walk import check_inflated, make_damage_error
+from protocols.files.mdf.mf4_frames import holds_frames
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
