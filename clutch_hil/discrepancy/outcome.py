@@ -18,6 +18,7 @@ from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.sealed import compute_checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.missing_sensors import choose_model
+from clutch_hil.discrepancy.models.model_check import check_simulation
 from clutch_hil.discrepancy.models.named import (
     declare_parameters,
     find_model,
@@ -149,6 +150,7 @@ def find_discrepancy(
     read = {name: take_part(models[0], name, run) for name, run in read.items()}
     known, missing = choose_model(models, read)
     evidence = {name: select_evidence(Path(name), run, known) for name, run in read.items()}
+    check_simulation(known, rig, next(iter(evidence.values())))
     hashes = {name: _compute_hash(run, evidence[name], known) for name, run in named.items()}
     fitted = {name: evidence[name] for name in [*named][: len(runs)]}
     held = {name: columns for name, columns in evidence.items() if name not in fitted}

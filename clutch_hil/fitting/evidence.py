@@ -216,7 +216,7 @@ class Evidence:
     def _simulate_residual(self, point: Point, k: int) -> np.ndarray:
         try:
             shown = self.model.simulate(self.runs[k], *point)
-        except InputError:
+        except (InputError, ArithmeticError, ValueError):  # of a user's model, such as the root of a negative number
             return np.full(len(self._measured[k]), np.nan)
         predicted = np.concatenate([_average_blocks(shown[c], self.blocks[k]) for c in self.columns])
         residual = (self._measured[k] - predicted) * self.weights[self.pieces[k]]

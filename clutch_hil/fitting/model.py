@@ -1,4 +1,4 @@
-"""Model: interface of a rig for the discrepancy workflow. Any class with these attributes is allowed (docs/discrepancy.md)."""
+"""Model: interface of a rig for the discrepancy workflow. Any class with these attributes is allowed (docs/own_model.md)."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass

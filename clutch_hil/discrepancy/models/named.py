@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.rig import find_rig, list_rigs, list_rigs_with_model
+from clutch_hil.discrepancy.models.model_check import check_declarations
 from clutch_hil.fitting.model import Columns, Completing, Demanding, Model, PartOfRig
 from clutch_hil.identify.recorded_runs.run_evidence import check_run_columns
 from clutch_hil.recordings.not_measured import find_source, read_not_measured
@@ -58,6 +59,7 @@ def _make_model(made: Callable[..., Model], rig: str, changed: Path | None) -> M
     refuse_old_methods(model, f"rig {rig}", _RENAMED)
     if lacking := [name for name in _NEEDED if not hasattr(model, name)]:
         raise InputError(f"rig {rig} lacks {lacking[0]}; a model has {', '.join(_NEEDED)} (docs/own_model.md)")
+    check_declarations(model, rig)
     return model
 
 
