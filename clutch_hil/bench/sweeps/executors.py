@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from importlib import import_module
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, parent_process
+from threading import Thread
 from typing import Any, TypeVar
 
 from clutch_hil.bench.arguments import take_whole
@@ -52,7 +53,7 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
     if not 1 <= count <= _MOST_WORKERS:
         raise InputError(f"{count} workers are not possible; allowed are 1 to {_MOST_WORKERS}")
     others = set(active_children())
-    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
     try:
         yield pool
     except BaseException:
@@ -100,6 +101,17 @@ def compute(
         )
     )
     raise InputError(f"workers died {_TRIES} times; {len(left)} of {len(cases)} cases are not computed{script}")
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent is gone: a worker of a parent that was killed would wait for a case for ever."""
+
+    def wait() -> None:
+        if parent := parent_process():
+            parent.join()
+            os._exit(1)
+
+    Thread(target=wait, daemon=True).start()
 
 
 def _import_dask(address: str) -> Any:

@@ -5,9 +5,11 @@ import json
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
@@ -215,6 +217,45 @@ def test_cases_of_a_killed_process_are_done_again() -> None:
     os.kill(workers[0], signal.SIGKILL)
     outcome |= dict(results)
     assert outcome == {k: k * k for k in range(8)}
+
+
+ENDLESS = """
+import os, sys, time
+from pathlib import Path
+from clutch_hil.bench.sweeps.executors import compute
+
+def wait(name):
+    Path(name).write_text(str(os.getpid()), encoding="utf-8")
+    time.sleep(600.0)
+
+if __name__ == "__main__":
+    list(compute(wait, sys.argv[1:], 2))
+"""
+
+
+def test_processes_of_a_program_that_is_killed_end(tmp_path: Path) -> None:
+    script = tmp_path / "endless.py"
+    script.write_text(ENDLESS, encoding="utf-8")
+    files = [tmp_path / "one", tmp_path / "two"]
+    with subprocess.Popen([sys.executable, script, *files]) as program:
+        wait_for(lambda: all(file.exists() and file.read_text() for file in files))
+        program.kill()
+    workers = [int(file.read_text()) for file in files]
+    wait_for(lambda: not any(is_running(worker) for worker in workers))
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def is_running(process: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{process}/status").read_text(encoding="utf-8")
+    except OSError:
+        return False
 
 
 def _die(value: float) -> None:
