@@ -21,15 +21,18 @@ _JITTER = 0.15  # standard deviation of a baseline parameter as a share of its s
 _SPREAD = 0.8, 1.6  # range of the strengths as multiples of the typical ones
 _RAISE = 1.5
 _MOST = 12  # largest number of increases: a factor of 130 in total; an effect still not visible is unsuitable for an exercise
+# Candidates since 2026-11-30: with them, a seed would draw another plant than before
+_NOT_DRAWN = ("anti_alias_filter", "motor_torque_sensor_offset")
 _KEPT = "friction_level.drift"  # stays off: a drift and a wrong level count as two effects, one is drawn
 
 
 def draw_plant(seed: int) -> ParameterSet:
     """Return the plant parameters that `seed` draws. Raises InputError when no effect is visible."""
     model = WetClutch()
+    candidates = [candidate for candidate in model.candidates if candidate.name not in _NOT_DRAWN]
     random = np.random.default_rng(seed)
-    for i in random.permutation(len(model.candidates)):
-        candidate = model.candidates[i]
+    for i in random.permutation(len(candidates)):
+        candidate = candidates[i]
         if (values := _draw_visible(candidate, random)) is not None:
             baseline = {
                 name: float(np.clip(p.value + _JITTER * p.uncertainty * random.standard_normal(), *p.bounds))
@@ -61,6 +64,8 @@ def _draw_visible(candidate: Candidate, random: np.random.Generator) -> dict[str
         for name, off in strengths.items():
             raised = off + times[name] * _RAISE**k * (typical[name] - off)
             values[name] = float(np.clip(raised, *bounds[name]))
+        if candidate.list_at_bounds(values):
+            return None  # such as a pressure channel that saturates at 0.1 V: the controller ends the run in a fault
         gap = max(measure_standard().compute_gaps(values).values())
         if gap >= GAP:
             return values

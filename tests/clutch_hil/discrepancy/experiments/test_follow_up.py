@@ -105,6 +105,27 @@ def test_a_seed_draws_one_effect_that_the_standard_experiments_show() -> None:
     assert any(plant[n].value != p.value for n, p in WetClutch().parameters.items())
 
 
+@pytest.mark.parametrize(
+    ("seed", "effect"),
+    [
+        (0, "return_spring_change"),
+        (2, "torque_sensor_offset"),
+        (7, "coulomb_temperature"),
+    ],  # as docs/blind_exercise.md says
+)
+def test_a_seed_always_draws_the_same_effect(seed: int, effect: str) -> None:
+    assert list(list_active_effects(draw_plant(seed))) == [effect]
+
+
+@pytest.mark.parametrize("seed", [14, 23, 27])
+def test_no_strength_of_a_drawn_plant_is_at_its_bound(seed: int) -> None:
+    """Such a plant has a pressure channel that saturates at 0.1 V, and its run ends in a fault."""
+    plant = draw_plant(seed)
+    (name,) = list_active_effects(plant)
+    (effect,) = (one for one in WetClutch().candidates if one.name == name)
+    assert not effect.list_at_bounds({n: p.value for n, p in plant.items()})
+
+
 def test_a_report_that_says_identify_first_is_not_followed_by_an_experiment(tmp_path: Path, runs: list[Path]) -> None:
     result = {
         "verdict": "identify_first",
