@@ -11,7 +11,7 @@ References      docs/rig.md
 from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from functools import lru_cache
-from math import ceil
+from math import ceil, pi, sqrt
 from typing import Self
 
 import numpy as np
@@ -36,6 +36,7 @@ from plant_sim.effects.signals import DRIVE
 from plant_sim.effects.table import sum_added_rates
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_run import ANGLE, CLUTCH_TORQUE, MOTOR_TORQUE, PRESSURE, SLIP, TEMPERATURE, run
+from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.runs import REQUIRED
 from protocols.files.units import BAR
@@ -55,6 +56,8 @@ _CONVERTED = (  # column, group of its sensor, parameter of coarse_quantisation
     ("clutch_torque_nm", "clutch_torque", "torque_bits_lost"),
 )
 _LOST = 1.0  # bits that a converter must have lost to be called coarse
+# s, shortest lag of filtered channels: in 12 s of the profile `lock` the steps of the integration look like a lag of 0.04 ms
+_SHORTEST_LAG = 0.2e-3
 _TOLD = 0.02  # bits, or steps: accuracy of both from the recorded values
 _CHANNELS = ("pressure", "temperature", "motor_torque", "clutch_torque")  # in the order of `run`'s scales
 _SHOWN: Mapping[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
@@ -138,10 +141,12 @@ class WetClutch:
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""
+        _check_filter(effects)
         return self._simulate(run, parameters, effects, ())
 
     def simulate_block(self, block: str, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Blockwise`: hydraulics from the voltage, friction from pressure and slip, drive from speed demand and torque."""
+        _check_filter(effects)
         predicted = self._simulate(run, parameters, effects, () if block == "hydraulics" else ("pressure", "slip"))
         return {column: predicted[column] for column in self.blocks[block]}
 
@@ -276,6 +281,13 @@ class WetClutch:
         whole = self._whole.with_values(dict(values))
         own = wet_clutch.list_values(whole)
         return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, sum_added_rates(whole, own))
+
+
+def _check_filter(effects: Values) -> None:
+    """Raise InputError if the channels are filtered so little that the steps of the integration hide it."""
+    share, corner = (effects.get(f"anti_alias_filter.{name}", 0.0) for name in ("inserted", "corner"))
+    if share > 0.0 and share < _SHORTEST_LAG * pi * sqrt(2.0) * corner:
+        raise InputError(f"anti_alias_filter with {share:.3g} of a filter of {corner:.3g} Hz is too little to be seen")
 
 
 def _read_limit(columns: Columns, most: float) -> np.ndarray:

@@ -10,9 +10,10 @@ from protocols.files.bus_logs.version_1 import NOTE
 from tests import needs
 
 pytestmark = pytest.mark.needs("field cases")
-# Log -> logged commands, and those that were equal, as the last commit with version 1 (2aeae10) told them
+# Log -> logged commands, and those that were equal, as the last commit with version 1 (2aeae10) told them; of k_loss, which
+# lacks frames, 17 were equal with their counters, which are not compared any more
 EQUAL = {
-    "p_comment.log": (586, 430), "m_corrupt.log": (586, 407), "k_loss.log": (474, 17), "f_truncated.log": (586, 430),
+    "p_comment.log": (586, 430), "m_corrupt.log": (586, 407), "k_loss.log": (474, 318), "f_truncated.log": (586, 430),
     "candump_screen.log": (58, 58),
 }  # fmt: skip
 
