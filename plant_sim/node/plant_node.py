@@ -45,12 +45,6 @@ class PlantNode(Interface):
     """
 
     columns = COLUMNS
-    _compiled = True  # whether compiled calls do all steps of this class
-
-    def __init_subclass__(cls) -> None:
-        """Note whether a subclass has steps or columns of its own, which compiled calls would pass over."""
-        super().__init_subclass__()
-        cls._compiled = all(getattr(cls, name) is getattr(PlantNode, name) for name in ("columns", *STEPS))
 
     def __init__(
         self,
@@ -79,6 +73,8 @@ class PlantNode(Interface):
         self._state = Whole(y.view(STATE), states)
         self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.record["motor_torque_limit"][0]
         self.memory = self._make_memory()
+        # Compiled calls would pass over the steps and columns of a subclass
+        self._compiled = all(getattr(type(self), name) is getattr(PlantNode, name) for name in ("columns", *STEPS))
 
     @staticmethod
     def warm() -> None:

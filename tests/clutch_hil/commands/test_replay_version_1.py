@@ -1,4 +1,4 @@
-"""Bus logs of the field cases, which are of version 1: replay says so, and gives the numbers that version 1 gave."""
+"""Bus logs of the field cases are of version 1: replay says so, and counts as many equal commands as version 1 did."""
 
 import json
 
