@@ -49,10 +49,13 @@ def _introduce(pictures: Pictures) -> Html:
     sure = [claim for claim in pictures.result.where if claim.p_value < SIGNIFICANT]
     first = max(sure, key=lambda claim: claim.times_floor, default=None)
     if first is None:
-        return make_element(
-            "p",
-            "No output disagrees beyond what noise explains, in any regime. The pictures show where the residual is largest.",
+        named = pictures.result.verdict in (NAMED, ONE_OF)  # by all runs together
+        text = (
+            f"All runs together show the disagreement. No single place is certain (p < {SIGNIFICANT:g})."
+            if named
+            else "No output disagrees beyond what noise explains, in any regime."
         )
+        return make_element("p", f"{text} The pictures show where the residual is largest.")
     others = [format_column(c, units.get(c)) for c in pictures.residuals.disagreeing_outputs if c != first.output]
     also = f" They also disagree in {list_words(others)}." if others else ""
     place = "" if first.regime == "all" else f", at {format_regime(first.regime)}"

@@ -421,3 +421,10 @@ def test_evidence_is_not_begun_on_a_full_disk(tmp_path, undrawn, monkeypatch):
     with pytest.raises(InputError, match=r"evidence\.rrd cannot be written: No space left on device"):
         write_report(_make_small_result(np.arange(400) / 100.0, np.ones(400), {}), tmp_path)
     assert not (tmp_path / "evidence.rrd").exists()
+
+
+def test_a_page_that_names_an_effect_without_a_certain_place_does_not_say_that_nothing_disagrees() -> None:
+    result = results.make_result(NAMED)
+    page = write_page(replace(result, where=[replace(claim, p_value=0.5) for claim in result.where]))
+    assert "All runs together show the disagreement. No single place is certain" in page
+    assert "No output disagrees beyond what noise explains" not in page
