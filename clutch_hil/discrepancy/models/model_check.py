@@ -68,7 +68,7 @@ def check_simulation(model: Model, rig: str, run: Columns) -> None:
 
 
 def _simulate(model: Model, rig: str, run: Columns, parameters: Values, effects: Values, how: str) -> Columns:
-    """Return the prediction of a run with the columns of all outputs. Raises InputError, which says `how` it was simulated."""
+    """Return the predicted outputs (n,) of a run by column. Raises InputError, which says `how` it was simulated."""
     try:
         predicted = model.simulate(run, parameters, effects)
     except Exception as error:  # a user's function may raise anything
@@ -77,7 +77,7 @@ def _simulate(model: Model, rig: str, run: Columns, parameters: Values, effects:
         raise InputError(
             f"rig {rig}: simulate returns the type {type(predicted).__name__}; a dictionary of columns is needed"
         )
-    rows = len(run["time_s"])
+    rows, outputs = len(run["time_s"]), {}
     for column in (output.column for output in model.outputs):
         if column not in predicted:
             raise InputError(
@@ -93,7 +93,8 @@ def _simulate(model: Model, rig: str, run: Columns, parameters: Values, effects:
         if not np.isfinite(values).all():
             bad = int(np.argmin(np.isfinite(values)))
             raise InputError(f"rig {rig}: simulate returns {values[bad]} in row {bad} of {column}, {how}")
-    return predicted
+        outputs[column] = values
+    return outputs
 
 
 def _check_candidate(candidate: Candidate, name: str) -> None:
@@ -102,6 +103,10 @@ def _check_candidate(candidate: Candidate, name: str) -> None:
     if not candidate.strengths:
         raise InputError(f"{name} has no Strength, which switches it on")
     for p in parameters:
+        if not isinstance(p.bounds, (tuple, list)) or len(p.bounds) != 2:
+            raise InputError(
+                f"{name}: {p.name} has the bounds {p.bounds!r:.80}; a lowest and a highest value are needed"
+            )
         low, high = p.bounds
         for what, value in (("off", p.off), ("typical", p.typical)):
             if not all(map(_is_number, (low, high, value))) or not low <= value <= high or low == high:

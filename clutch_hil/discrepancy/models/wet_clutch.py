@@ -284,7 +284,10 @@ class WetClutch:
 
 
 def _check_filter(effects: Values) -> None:
-    """Raise InputError if the channels are filtered so little that the steps of the integration hide it."""
+    """Raise InputError if the channels are filtered so little that the steps of the integration hide it.
+
+    A slow signal is late by inserted sqrt(2)/w, w = 2 pi corner (plant_sim/effects/sensors/anti_alias_filter.py).
+    """
     share, corner = (effects.get(f"anti_alias_filter.{name}", 0.0) for name in ("inserted", "corner"))
     if share > 0.0 and share < _SHORTEST_LAG * pi * sqrt(2.0) * corner:
         raise InputError(f"anti_alias_filter with {share:.3g} of a filter of {corner:.3g} Hz is too little to be seen")

@@ -38,10 +38,8 @@ _LEAST_REST = 1.0  # s: the motion of one engagement
 _CLEARLY = 0.8  # ratio of mean squares: with noise that hides half a sample it is 1
 # Ratio of mean squares: noise alone makes the third and fourth parameter of 12 s gain 0.3 %
 _SECOND_ORDER = 0.9
-_DAMPING = (
-    0.3,
-    2.0,
-)  # of a filter of second order: Butterworth 0.71, two equal RC stages 1; at 2 nearly of first order
+# Damping of a filter of second order: Butterworth 0.71, two equal RC stages 1; at 2 it is nearly of first order
+_DAMPING = 0.3, 2.0
 _SAME = 1e-7  # rad, tolerance: the slip of the bench is the difference of two angles, which takes no fit to see
 
 

@@ -70,6 +70,7 @@ def change_strength(**changes: Any) -> tuple[Candidate, ...]:
         ),
         ("candidates", change_strength(off=-1.0), "size has off -1.0 and the bounds 0.0 to 1.0"),
         ("candidates", change_strength(typical=np.inf), "size has typical inf"),
+        ("candidates", change_strength(bounds=(0.0,)), r"size has the bounds \(0.0,\); a lowest and a highest value"),
         ("candidates", change_strength(typical=0.0), "size has the same value 0.0 at off and typical"),
     ],
 )
