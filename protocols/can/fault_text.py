@@ -16,6 +16,7 @@ from protocols.can.frames import load_frames
 from protocols.can.request import Request
 
 _PHASE_IDLE = 0  # CONTROLLER_STATUS.PHASE
+_CLOSING = tuple(request for request in Request if request.closes)
 
 
 class Reason(NamedTuple):
@@ -183,7 +184,7 @@ def waits_for_idle(phase: float, request: float) -> bool:
 
     A controller that may close the clutch does so in the same cycle. One that stays idle first needs a request for idle.
     """
-    return phase == _PHASE_IDLE and request in (Request.ENGAGE, Request.PRESSURE)
+    return phase == _PHASE_IDLE and request in _CLOSING
 
 
 def find_clutch(node: str) -> str | None:

@@ -285,9 +285,10 @@ def test_a_profile_whose_demand_is_there_at_once_engages(kind: str, rate: int, t
 
 def test_who_waits_for_idle_says_so() -> None:
     assert "request for idle" in WAITS_FOR_IDLE
-    assert waits_for_idle(Phase.IDLE, Request.ENGAGE)
-    assert waits_for_idle(Phase.IDLE, Request.PRESSURE)
-    assert not waits_for_idle(Phase.IDLE, Request.IDLE)
+    for request in (Request.ENGAGE, Request.PRESSURE, Request.LOCK):
+        assert waits_for_idle(Phase.IDLE, request)
+    for request in (Request.IDLE, Request.RELEASE):
+        assert not waits_for_idle(Phase.IDLE, request)
     assert not waits_for_idle(Phase.FILL, Request.ENGAGE)
 
 
