@@ -136,7 +136,7 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
     finding = close_cycle(guard, settings.guard, slots)
     if not finding:
         finding = _find_other_sender(node)
-    _update_applied_torque(node, settings)
+    _update_applied_torque(node, settings, slots)
     pushes = abs(sample.motor_torque) >= _PUSHING_SHARE * node.motor_limit
     lost, implausible = _check_plausibility(node, settings, request, pushes, elapsed)
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
@@ -159,13 +159,18 @@ def _find_other_sender(node):
 
 
 @njit
-def _update_applied_torque(node, settings):
-    """Update the torque applied to this clutch: that of the motor, without the part of another clutch."""
+def _update_applied_torque(node, settings, slots):
+    """Update the torque applied to this clutch: that of the motor, without the part of another clutch.
+
+    The status of the other clutch comes into use half a status period after its slot, or in the first cycle after this time:
+    the cycle is `slots` periods after the last one.
+    """
     sample, torque = node.sample, settings.law.torque
     if torque.alone:
         sample.applied, sample.known = sample.motor_torque, True
         return
-    if node.slot % settings.status_every == settings.status_every // 2:
+    due_since = (node.slot - settings.status_every // 2) % settings.status_every  # slots
+    if due_since < slots:
         use_newest_status(node.other)
     sample.applied, sample.known = find_applied_torque(node.other, settings.pair, torque, sample.motor_torque)
 

@@ -369,6 +369,22 @@ def test_a_status_of_the_other_clutch_is_used_between_two(cycle: ModuleType) -> 
     assert bench.settings.status_every == every
 
 
+def test_missed_slots_do_not_keep_a_status_of_the_other_clutch_from_use(cycle: ModuleType) -> None:
+    for slot, slots, used in (
+        (51, 2, True),
+        (52, 2, True),
+        (53, 2, False),
+        (60, 10, True),
+        (61, 10, False),
+        (50, 10, False),
+    ):
+        bench = make_pair(cycle)
+        bench.state.other.is_new, bench.state.other.new_estimate = True, 7.0
+        bench.state.slot = slot - slots
+        bench.run(slots=slots)
+        assert (bench.state.other.estimate == 7.0) == used, (slot, slots)
+
+
 def test_frames_of_the_other_clutch_are_taken(cycle: ModuleType) -> None:
     bench = CycleBench(cycle, "a")
     bench.run([bench.make(FRAMES_B["ENCODER"], sample_tick=9, shaft_angle=77)])
