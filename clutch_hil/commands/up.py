@@ -73,7 +73,7 @@ def up(
     from clutch_hil.bench.suite import run_one
     from clutch_hil.bench.up import Bench
     from protocols.realtime.waiting import check_spin
-    from rt_controller.loop.trigger import trigger as check_trigger
+    from rt_controller.loop.trigger import find_trigger
 
     plant_parameters, controller_parameters = take_calibration(calibration, plant_parameters, controller_parameters)
     given = select_settings(locals())
@@ -81,7 +81,7 @@ def up(
     check_junit(junit, overwrite, [chosen])
     if (view or web) and not telemetry:
         raise InputError("a viewer and --no-telemetry were both given; only one of them is allowed")
-    check_trigger(trigger or "clock")
+    find_trigger(trigger or "clock")
     check_spin(spin_us or 0.0)
     viewer = ["--web"] if web else [] if view else None
     pace = ["--trigger", trigger] if trigger else []

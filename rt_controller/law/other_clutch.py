@@ -69,7 +69,7 @@ def use_newest_status(other):
 def find_applied_torque(other, pair, settings, motor_torque):
     """Return the torque [Nm] applied to this clutch while its slip is constant, and whether it is known: the other is open."""
     known = other.age <= pair.patience and other.tick >= 0 and other.estimate == 0.0
-    input_acceleration = pair.ratio / (pair.ratio - pair.other_ratio) * other.acceleration
+    input_acceleration = pair.ratio / (pair.ratio - pair.other_ratio) * other.acceleration  # w_in' with s' = 0
     return motor_torque - settings.model.motor_inertia * input_acceleration, known
 
 
@@ -83,20 +83,20 @@ def pair_mismatch(other, pair, settings, estimate, capacity, sticks, sample):
     if other.age > pair.patience or other.tick < 0:
         return 0.0
     ratio = pair.ratio - pair.other_ratio
-    input_acceleration = (pair.ratio * other.acceleration - pair.other_ratio * sample.acceleration) / ratio
-    both = sample.motor_torque - settings.model.motor_inertia * input_acceleration
+    input_acceleration = (pair.ratio * other.acceleration - pair.other_ratio * sample.acceleration) / ratio  # w_in'
+    both = sample.motor_torque - settings.model.motor_inertia * input_acceleration  # M + M_o
     own, its = capacity if sticks else estimate, other.estimate
     least, most = settings.adaptation.level_low, settings.adaptation.level_high
     touch = settings.touch_torque
-    if both > _end(own, sticks, least, most) + _end(its, other.sticks, least, most) + touch:
-        return both - _end(own, sticks, 1.0, 1.0) - _end(its, other.sticks, 1.0, 1.0)
-    if both < -_end(-own, sticks, least, most) - _end(-its, other.sticks, least, most) - touch:
-        return both + _end(-own, sticks, 1.0, 1.0) + _end(-its, other.sticks, 1.0, 1.0)
+    if both > _highest_torque(own, sticks, least, most) + _highest_torque(its, other.sticks, least, most) + touch:
+        return both - _highest_torque(own, sticks, 1.0, 1.0) - _highest_torque(its, other.sticks, 1.0, 1.0)
+    if both < -_highest_torque(-own, sticks, least, most) - _highest_torque(-its, other.sticks, least, most) - touch:
+        return both + _highest_torque(-own, sticks, 1.0, 1.0) + _highest_torque(-its, other.sticks, 1.0, 1.0)
     return 0.0
 
 
 @njit
-def _end(torque, sticks, least, most):
+def _highest_torque(torque, sticks, least, most):
     """Return the highest torque [Nm] of a clutch with friction levels `least`..`most`.
 
     `torque` [Nm] is its estimate, or its capacity if it `sticks`, at friction level 1.

@@ -37,14 +37,14 @@ PLAUSIBILITY = np.dtype(
 
 
 @njit
-def check_torque(state, settings, mismatch, speed_error, stands, pushes, step):
+def check_torque(state, settings, mismatch, speed_error, stands, motor_limited, step):
     """Advance the torque checks by `step` [s]; return whether motor torque, estimate and encoder contradict each other.
 
-    mismatch [Nm] of the torque balance; speed_error [rad/s] of the motor; `stands`: the encoder shows no motion; `pushes`: the
-    motor is at its torque limit.
+    mismatch [Nm] of the torque balance; speed_error [rad/s] of the motor; `stands`: the encoder shows no motion;
+    `motor_limited`: the motor is at its torque limit.
     """
     state.time_mismatch = state.time_mismatch + step if abs(mismatch) > settings.torque_mismatch else 0.0
-    state.standing = state.standing + abs(speed_error) * step if stands and not pushes else 0.0
+    state.standing = state.standing + abs(speed_error) * step if stands and not motor_limited else 0.0
     return state.time_mismatch >= settings.mismatch_dwell or state.standing >= settings.standing_error
 
 

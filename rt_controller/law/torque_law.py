@@ -32,7 +32,7 @@ from rt_controller.law.transmitted import TORQUE, TORQUE_SETTINGS, estimate, mak
 
 LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
 
-# Terms of the law that are published in each step, in the order of the run file: declared here and filled in `control`
+# Terms of the law that are published in each step, in the order of the run file: declared here and filled in `_note_terms`
 TERMS = tuple(
     Column(*column)
     for column in (
@@ -119,84 +119,103 @@ def make_law_at_rest() -> Any:
 
 
 @njit
-def control(law, settings, phase, demand, speed_demand, pushes, sample, step, target, terms):
+def control(law, settings, phase, demand, speed_demand, motor_limited, sample, step, target, terms):
     """Advance LAW by `step` [s], which is 0 without a new sample, for the torque `demand` [Nm], a magnitude.
 
-    `phase` is a Phase. `speed_demand` [rad/s] of the motor; `pushes`: the motor is at its torque limit. `target` [Pa] is the
-    pressure to follow instead of the torque; NaN if there is none. The record `terms` gets the values of TERMS.
+    `phase` is a Phase. `speed_demand` [rad/s] of the motor; `motor_limited`: the motor is at its torque limit. `target` [Pa] is
+    the pressure to follow instead of the torque; NaN if there is none. The record `terms` gets the values of TERMS.
     """
-    torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, target == target
     closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
     closing = closed or phase == Phase.FILL
     may_touch = closing or phase == Phase.RELEASE  # until the piston has returned
-    estimate(torque, settings.torque, may_touch, closed, speed_demand, pushes, sample, step)
-    contact, moves, carried = torque.contact, torque.motion.moves, abs(torque.estimate)
-    level, correction = torque.level, torque.adaptation.viscous
-    state, capacity = find_clutch_state(contact, moves, phase == Phase.LOCK), level * torque.coulomb_torque
-    if contact and not moves:
-        capacity = max(capacity, carried)
+    estimate(law.torque, settings.torque, may_touch, closed, speed_demand, motor_limited, sample, step)
+    feedforward, frozen = _update_pressure_demand(law, settings, phase, demand, speed_demand, sample, step, target)
+    _regulate_pressure(law, settings, closing, sample.pressure, step)
+    _note_terms(terms, law, phase, demand if target != target else nan, sample, feedforward, frozen)
 
-    # torque loop: fig 6.16
-    slip = (
-        abs(sample.slip) if moves else 0.0
-    )  # from the observer: the speed from the encoder alone has steps of a count
-    slides = (moves or law.held > 0.0) and settings.torque.alone and speed_demand * torque.estimate >= 0.0
-    coming = max(slip, abs(speed_demand)) if slides else slip
-    feedforward = unlimited = least = 0.0
-    most = settings.pressure_limit
-    error = demand - carried
+
+@njit
+def _update_pressure_demand(law, settings, phase, demand, speed_demand, sample, step, target):
+    """Torque loop (fig 6.16): update the pressure demand and the side on which it is limited; arguments of `control`.
+
+    Returns the feedforward [Pa], and whether the torque integrator is held.
+    """
+    torque, follows_pressure = law.torque, target == target
+    contact, moves, level, correction = torque.contact, torque.motion.moves, torque.level, torque.adaptation.viscous
+    carried = abs(torque.estimate)
+    # Slip of the observer: the speed from the encoder alone has steps of a count
+    slip = abs(sample.slip) if moves else 0.0
     turning = torque.estimate * sample.speed < 0.0  # the friction still has the sign of the last direction
+    # Plates that slide, or will after a lock, come to the speed of the motor: the feedforward is for the higher one
+    slides = (moves or law.held > 0.0) and settings.torque.alone and speed_demand * torque.estimate >= 0.0
+    coming_slip = max(slip, abs(speed_demand)) if slides else slip
+    error = demand - carried
     limit = law.pressure_limited if law.pressure_limited else law.voltage_limited
-    waits = not contact or step == 0.0 or turning or slip < settings.slip_hold or limit * error > 0.0
-    lowers = phase == Phase.SLIP_CONTROL and law.held > 0.0  # leaves lock without a step
-    if lowers:
+    frozen = not contact or step == 0.0 or turning or slip < settings.slip_hold or limit * error > 0.0
+    leaves_lock = phase == Phase.SLIP_CONTROL and law.held > 0.0
+    if leaves_lock:  # without a step
         law.held = max(law.held - _LOCK_EXIT_RATE * settings.lock.rate * step, 0.0)
-        waits = True
+        frozen = True
     elif phase != Phase.LOCK:
         law.held = 0.0
-    if phase == Phase.SLIP_CONTROL and follows:
-        unlimited, least = target, settings.pressure_floor
+    feedforward = unlimited = lowest = 0.0
+    highest = settings.pressure_limit
+    if phase == Phase.SLIP_CONTROL and follows_pressure:
+        unlimited, lowest = target, settings.pressure_floor
         if step > 0.0 and settings.feeds_back:
             # So a later demand for the present torque begins with the present pressure
-            known = contact and slip >= settings.slip_hold and not turning
+            is_known = contact and slip >= settings.slip_hold and not turning
             carried_pressure = _feedforward(settings, carried, slip, level, correction)
-            follow(law.torque_loop, pressure - carried_pressure if known else 0.0)
+            follow(law.torque_loop, sample.pressure - carried_pressure if is_known else 0.0)
     elif phase == Phase.SLIP_CONTROL:
-        feedforward = _feedforward(settings, demand, coming, level, correction)
+        feedforward = _feedforward(settings, demand, coming_slip, level, correction)  # eq. 6.8
         unlimited = feedforward
         if settings.feeds_back:
             loop_error = 0.0 if turning else error
             unlimited += proportional_integral(
-                law.torque_loop, loop_error, step, settings.torque_k_p, settings.torque_k_i, waits
-            )
+                law.torque_loop, loop_error, step, settings.torque_k_p, settings.torque_k_i, frozen
+            )  # fig 6.16: p_d = p_ff + PI(M_d - M_sim)
     elif phase == Phase.LOCK:
-        waits, most = True, settings.lock.pressure_limit
+        frozen, highest, model = True, settings.lock.pressure_limit, settings.torque.model
         law.held = hold(law.held, settings.lock, model, level, level * torque.coulomb_torque, carried, moves, step)
         feedforward = unlimited = holding_pressure(model, law.held, level)
         law.torque_loop.proportional = 0.0
     else:
         follow(law.torque_loop, 0.0)
         unlimited = settings.fill_pressure if phase == Phase.FILL else 0.0
-    if lowers:
-        holding = holding_pressure(model, law.held, level)
-        law.held = law.held if max(holding, pressure) > unlimited + settings.torque.contact_band else 0.0
-        unlimited, most = max(unlimited, holding), settings.lock.pressure_limit
-    most = min(most, max(settings.slow_above, law.pressure_demand + settings.slow_rate * step))
-    pressure_demand = min(max(unlimited, least), most)
-    law.pressure_demand, law.pressure_limited = pressure_demand, _find_limited_side(unlimited, pressure_demand)
+    if leaves_lock:
+        holding = holding_pressure(settings.torque.model, law.held, level)
+        law.held = law.held if max(holding, sample.pressure) > unlimited + settings.torque.contact_band else 0.0
+        unlimited, highest = max(unlimited, holding), settings.lock.pressure_limit
+    highest = min(highest, max(settings.slow_above, law.pressure_demand + settings.slow_rate * step))
+    law.pressure_demand = min(max(unlimited, lowest), highest)
+    law.pressure_limited = _find_limited_side(unlimited, law.pressure_demand)
+    return feedforward, frozen
 
-    # pressure loop: docs/rig.md
+
+@njit
+def _regulate_pressure(law, settings, closing, pressure, step):
+    """Pressure loop (docs/rig.md): update the valve voltage and the side on which it is limited; `pressure` [Pa]."""
     if not closing:
         follow(law.pressure_loop, 0.0)
-    error = pressure_demand - pressure if closing else 0.0
-    frozen = not contact or not closing or step == 0.0 or law.voltage_limited * error > 0.0
+    error = law.pressure_demand - pressure if closing else 0.0
+    frozen = not law.torque.contact or not closing or step == 0.0 or law.voltage_limited * error > 0.0
     proportional_integral(law.pressure_loop, error, step, settings.pressure_k_p, settings.pressure_k_i, frozen)
-    unlimited = pressure_demand + law.pressure_loop.proportional + law.pressure_loop.integral if closing else 0.0
-    unlimited /= settings.valve_gain
+    unlimited = law.pressure_demand + law.pressure_loop.proportional + law.pressure_loop.integral if closing else 0.0
+    unlimited /= settings.valve_gain  # docs/rig.md: V = u/k_v
     law.voltage = min(max(unlimited, 0.0), settings.voltage_limit)
     law.voltage_limited = _find_limited_side(unlimited, law.voltage)
 
-    terms.torque_demand_nm = nan if follows else demand
+
+@njit
+def _note_terms(terms, law, phase, demand, sample, feedforward, frozen):
+    """Fill the record `terms` with TERMS; `demand` [Nm], `feedforward` [Pa], `frozen`: the torque integrator is held."""
+    torque = law.torque
+    contact, moves = torque.contact, torque.motion.moves
+    capacity = torque.level * torque.coulomb_torque
+    if contact and not moves:
+        capacity = max(capacity, abs(torque.estimate))
+    terms.torque_demand_nm = demand
     terms.torque_estimate_nm = torque.estimate
     terms.coulomb_part_nm = torque.coulomb
     terms.viscous_part_nm = torque.viscous
@@ -204,8 +223,8 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
     terms.feedforward_bar = feedforward / BAR
     terms.proportional_bar = law.torque_loop.proportional / BAR
     terms.integral_bar = law.torque_loop.integral / BAR
-    terms.pressure_demand_bar = pressure_demand / BAR
-    terms.pressure_bar = pressure / BAR
+    terms.pressure_demand_bar = law.pressure_demand / BAR
+    terms.pressure_bar = sample.pressure / BAR
     terms.pressure_proportional_bar = law.pressure_loop.proportional / BAR
     terms.pressure_integral_bar = law.pressure_loop.integral / BAR
     terms.voltage_v = law.voltage
@@ -214,14 +233,14 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
     terms.temperature_degc = sample.temperature - ZERO_CELSIUS
     terms.observed_torque_nm = torque.observed
     terms.friction_level = torque.adaptation.level
-    terms.viscous_correction = correction
+    terms.viscous_correction = torque.adaptation.viscous
     terms.adaptation_active = torque.adaptation.active
     terms.in_contact = contact
-    terms.frozen = waits
+    terms.frozen = frozen
     terms.saturated = law.pressure_limited != 0 or law.voltage_limited != 0
-    terms.clutch_state = state
+    terms.clutch_state = find_clutch_state(contact, moves, phase == Phase.LOCK)
     terms.capacity_nm = capacity
-    terms.trimmed_level = level
+    terms.trimmed_level = torque.level
 
 
 @njit

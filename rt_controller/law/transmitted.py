@@ -32,11 +32,11 @@ from rt_controller.law.presliding import PRESLIDING, PRESLIDING_SETTINGS, bend, 
 from rt_controller.law.record import make_record
 from rt_controller.law.trim import TRIM, TRIM_SETTINGS, compute_level, forget, lower, raise_to, trim
 
-_REST_TORQUE_ERROR = 0.02  # of the torque at rest: gain error and noise of the motor torque sensor
+_REST_TORQUE_ERROR = 0.02  # of the torque at rest, chosen: gain error and noise of the motor torque sensor
 _HALF_COUNTS_UNSURE = 3.0  # half counts in a sample, i.e. at most one count: the speed is then uncertain
-_STEADY_FRICTION_STATE = 0.95  # m above which plates slide steadily; below it they have just turned
-_LATEST_STOP = 0.8  # of a step: plates that reach speed 0 earlier have stopped in this step; later it is uncertain
-_LIFT_OFF_SHARE = 0.5  # of `touch_torque`: below this motor torque the plates have no contact any more
+_STEADY_FRICTION_STATE = 0.95  # |m| above which plates slide steadily, chosen; below it they have just turned
+_LATEST_STOP = 0.8  # of a step, chosen: plates that reach speed 0 earlier have stopped in it; later it is uncertain
+_LIFT_OFF_SHARE = 0.5  # of `touch_torque`, chosen: below this motor torque the plates have no contact any more
 # Parameters in SI. adapts: level, viscous correction and trim are learnt; alone: the motor drives this clutch alone
 TORQUE_SETTINGS = np.dtype(
     [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("motion", MOTION_SETTINGS),
@@ -97,11 +97,11 @@ def mismatch(torque, settings):
 
 
 @njit
-def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, step):
+def estimate(torque, settings, closing, closed, speed_demand, motor_limited, sample, step):
     """Advance TORQUE by `step` [s], which is 0 without a new sample, with the values of the SAMPLE `sample`.
 
-    `closing`: the plates may touch; `closed`: the fill is over. `speed_demand` [rad/s] of the motor; `pushes`: the motor is at
-    its torque limit.
+    `closing`: the plates may touch; `closed`: the fill is over. `speed_demand` [rad/s] of the motor; `motor_limited`: the motor
+    is at its torque limit.
     """
     model, speed = settings.model, sample.speed
     pressure = plate_pressure(model, torque.pressure, torque.cylinder, sample.pressure, step)
@@ -123,7 +123,7 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
         torque.stands = False
         straighten(torque.presliding)
     torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
-    _update_balance(torque, settings, before_coulomb, before_viscous, speed_demand, pushes, sample, step)
+    _update_balance(torque, settings, before_coulomb, before_viscous, speed_demand, motor_limited, sample, step)
     coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
     stuck = sample.motor_stuck > settings.adaptation.stuck_time
     adapt(
@@ -166,32 +166,48 @@ def _update_rubbing(torque, settings, sample, pressure, rested, step):
     if stops:
         plates.end = 0.0
     if turns:
-        torque.m = friction_state(model, torque.m, pressure, plates.begin, begin_share * step)
+        torque.m = friction_state(model, torque.m, pressure, plates.begin, begin_share * step)  # eq. 6.9
         torque.m = friction_state(model, torque.m, pressure, plates.end, (1.0 - begin_share) * step)
     else:
-        if known and plates.moves:
-            if torque.borne * sample.speed > 0.0:  # they have broken away: they carried their capacity
-                torque.m = copysign(1.0, torque.borne)
-                share = max(abs(torque.borne), settings.adaptation.level_low)
-                lower(torque.trim, settings.trim, torque.adaptation.level, share)
-                torque.level = _level(torque, settings)
-            torque.borne = 0.0
-        unsure = abs(sample.speed) * step <= _HALF_COUNTS_UNSURE * settings.motion.standing_angle
-        if known and unsure and abs(torque.m) < _STEADY_FRICTION_STATE:
-            least, most = reachable_states(model, torque.m, step)  # in both directions of creep
-            torque.m = min(max(applied / torque.level, least), most)
-        else:
-            mean = sample.speed if sample.speed != 0.0 else 0.5 * (plates.begin + plates.end)
-            torque.m = friction_state(model, torque.m, pressure, mean, step)
+        _slide_one_way(torque, settings, sample, pressure, applied, known, step)
     slow = abs(sample.speed) <= settings.motion.coarse_speed
     slip = plates.end if turns or not (slow or stops) else plates.slow
     torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)
     if known and settings.alone and (slow or stops):
-        # The speed from the encoder is coarse here, but the balance gives the torque
-        least = 0.0 if stops else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
-        balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level
-        rest = balance - torque.coulomb_torque * torque.m
-        torque.viscous = min(max(rest, min(torque.viscous, least)), max(torque.viscous, least))
+        _limit_viscous_torque(torque, settings, sample, slip, stops)
+
+
+@njit
+def _slide_one_way(torque, settings, sample, pressure, applied, known, step):
+    """Update m of plates that do not turn within `step` [s]; `applied` is the share of M_C applied to them, if `known`."""
+    model, plates = settings.model, torque.motion
+    if known and plates.moves:
+        if torque.borne * sample.speed > 0.0:  # they have broken away: they carried their capacity
+            torque.m = copysign(1.0, torque.borne)
+            share = max(abs(torque.borne), settings.adaptation.level_low)
+            lower(torque.trim, settings.trim, torque.adaptation.level, share)
+            torque.level = _level(torque, settings)
+        torque.borne = 0.0
+    unsure = abs(sample.speed) * step <= _HALF_COUNTS_UNSURE * settings.motion.standing_angle
+    if known and unsure and abs(torque.m) < _STEADY_FRICTION_STATE:
+        least, most = reachable_states(model, torque.m, step)  # in both directions of creep
+        torque.m = min(max(applied / torque.level, least), most)
+    else:
+        mean = sample.speed if sample.speed != 0.0 else 0.5 * (plates.begin + plates.end)
+        torque.m = friction_state(model, torque.m, pressure, mean, step)  # eq. 6.9
+
+
+@njit
+def _limit_viscous_torque(torque, settings, sample, slip, stops):
+    """Limit the viscous torque of slow plates to what the torque balance leaves; `slip` [rad/s], from few encoder counts.
+
+    The speed from the encoder is coarse here, but the balance gives the torque. `stops`: the plates come to rest in this step.
+    """
+    model = settings.model
+    least = 0.0 if stops else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
+    balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level  # docs/rig.md, 8
+    rest = balance - torque.coulomb_torque * torque.m
+    torque.viscous = min(max(rest, min(torque.viscous, least)), max(torque.viscous, least))
 
 
 @njit
@@ -211,7 +227,7 @@ def _update_bending(torque, settings, sample, pressure, known, step):
     if slides:
         torque.viscous = viscous_torque(model, pressure, plates.end, sample.temperature)
     elif known:
-        balance = (sample.applied - model.motor_inertia * sample.acceleration) / torque.coulomb_torque
+        balance = (sample.applied - model.motor_inertia * sample.acceleration) / torque.coulomb_torque  # docs/rig.md, 8
         torque.m = min(max(balance / torque.level, -1.0), 1.0)
 
 
@@ -248,6 +264,7 @@ def _exceeds_capacity(torque, settings, applied, capacity, step):
     `applied` and `capacity` are shares of M_C. With their difference the motor would have turned by `coarse_angle` by now, but
     the encoder has not moved by a count.
     """
+    # rad/s^2, docs/rig.md, 8
     gain = (applied - torque.level * capacity) * torque.coulomb_torque / settings.model.motor_inertia
     torque.spin = max(torque.spin + gain * step, 0.0) if torque.motion.rests else 0.0
     torque.turn = torque.turn + torque.spin * step if torque.spin > 0.0 else 0.0
@@ -281,7 +298,7 @@ def _update_pressed(torque, settings, pressure, step):
 
 
 @njit
-def _update_balance(torque, settings, coulomb, viscous, speed_demand, pushes, sample, step):
+def _update_balance(torque, settings, coulomb, viscous, speed_demand, motor_limited, sample, step):
     """Update both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are of the sample before."""
     if step > 0.0:
         # The observer's second difference is centred on the sample before (lag.py).
@@ -290,7 +307,7 @@ def _update_balance(torque, settings, coulomb, viscous, speed_demand, pushes, sa
         low_pass(torque.viscous_lag, viscous, q)
         motor = low_pass(torque.motor_lag, torque.motor_before, q)
         # The sample was taken just before the last demand began to act: the mean torque contains half of the jump.
-        jump = 0.0 if pushes else settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
+        jump = 0.0 if motor_limited else settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
         torque.motor_before = sample.motor_torque + 0.5 * jump
         torque.demand_before, torque.demand_acting = torque.demand_acting, speed_demand
         torque.observed = motor - settings.model.motor_inertia * sample.acceleration  # docs/rig.md, 8

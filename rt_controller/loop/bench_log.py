@@ -95,9 +95,8 @@ class Log:
         second = load_frames(clutch="b")["ENCODER"]
         encoder, valve, heartbeat = codecs["ENCODER"], codecs["VALVE_COMMAND"], codecs["PLANT_HEARTBEAT"]
         ticks: dict[int, int] = {}
-        oldest = (
-            1 << encoder.bits["sample_tick"] - 1
-        )  # samples; the tick of an older one may be that of a missing sample
+        # samples; the tick of an older one may be that of a missing sample
+        oldest = 1 << encoder.bits["sample_tick"] - 1
         rows: list[int] = []
         ends: list[int] = []
         first, last, ended = None, 0.0, False

@@ -51,7 +51,7 @@ _RECEPTIONS = len(RECEIVED_FRAMES) + len(OTHER_CLUTCH_FRAMES)
 _ANALOG, _ENCODER, _SETPOINT, _PLANT, _CLAIM, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
 _STEP_LIMIT = 10  # periods: longest step of estimator and regulators after a gap between samples
 # Of the torque limit: above it the motor counts as at its limit. The margin covers the gain error of the torque sensor
-_PUSHING_SHARE = 0.9
+_LIMITED_SHARE = 0.9
 
 
 class Refusal(IntEnum):
@@ -137,11 +137,11 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
     if not finding:
         finding = _find_other_sender(node)
     _update_applied_torque(node, settings, slots)
-    pushes = abs(sample.motor_torque) >= _PUSHING_SHARE * node.motor_limit
-    lost, implausible = _check_plausibility(node, settings, request, pushes, elapsed)
+    motor_limited = abs(sample.motor_torque) >= _LIMITED_SHARE * node.motor_limit
+    lost, implausible = _check_plausibility(node, settings, request, motor_limited, elapsed)
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
     target = node.pressure_demand if request == Request.PRESSURE else nan
-    control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, target, record)
+    control(law, settings.law, phase, node.demand, node.speed_demand, motor_limited, sample, step, target, record)
     note_cycle(record, node, phase, request, find_supervision(node.claim))
     note_fault(node.faults, record)
     return _write_commands(node, settings, phase, outbox)
@@ -176,7 +176,7 @@ def _update_applied_torque(node, settings, slots):
 
 
 @njit
-def _check_plausibility(node, settings, request, pushes, elapsed):
+def _check_plausibility(node, settings, request, motor_limited, elapsed):
     """Return whether the pressure signal is lost, and whether the torque is implausible; `elapsed` [s]."""
     law, sample, checks, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
@@ -193,7 +193,7 @@ def _check_plausibility(node, settings, request, pushes, elapsed):
             node.other, settings.pair, settings.law.torque, torque.estimate, capacity, sticks, sample
         )
     stands = compared and alone and sticks
-    implausible = check_torque(checks, s, residual, node.speed_demand - sample.speed, stands, pushes, elapsed)
+    implausible = check_torque(checks, s, residual, node.speed_demand - sample.speed, stands, motor_limited, elapsed)
     return lost, implausible
 
 

@@ -26,7 +26,7 @@ from protocols.telemetry.lab import read_bench_lab
 from protocols.telemetry.outlet import Outlet
 from rt_controller.loop.node import COLUMNS, ControllerNode, load_shipped_parameters
 from rt_controller.loop.samples import Samples, estimate_usual_arrival
-from rt_controller.loop.trigger import Trigger, trigger
+from rt_controller.loop.trigger import Trigger, find_trigger
 from rt_controller.loop.turn import Turn, warm
 
 _SILENCE_TIMEOUT = 5.0  # s without a sample in lock-step after which the plant counts as dead
@@ -66,7 +66,7 @@ class ControllerService:
 
     def __post_init__(self) -> None:
         """Raise InputError for impossible settings, before anything is compiled."""
-        trigger(self.trigger)
+        find_trigger(self.trigger)
         find_overrun_policy(self.overrun)
         check_spin(self.spin_us)
         read_bench_lab(self.router)
@@ -101,7 +101,7 @@ class ControllerService:
         `ready` is called with each message for the user. Raises InputError for an unusable bus, a second controller or another
         rate; the safe command is sent before.
         """
-        session, make_trigger, notifier = make_session(), trigger(self.trigger), open_notifier()
+        session, make_trigger, notifier = make_session(), find_trigger(self.trigger), open_notifier()
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are reported separately
         period = 1_000_000_000 // self.rate

@@ -87,7 +87,7 @@ TRIGGERS: dict[str, Callable[[Beat, Turn], Trigger]] = {
 }  # fmt: skip
 
 
-def trigger(name: str) -> Callable[[Beat, Turn], Trigger]:
+def find_trigger(name: str) -> Callable[[Beat, Turn], Trigger]:
     """Return the class of the trigger `name`. Raises InputError for an unknown name."""
     if name not in TRIGGERS:
         raise InputError(f"trigger {name!r} is unknown; allowed are {join_names(TRIGGERS)}")

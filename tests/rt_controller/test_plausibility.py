@@ -31,9 +31,14 @@ class Doubts:
         self._settings: Any = make_record(module.PLAUSIBILITY_SETTINGS, LIMITS)
 
     def check_torque(
-        self, mismatch: float = 0.0, error: float = 0.0, stands: bool = False, pushes: bool = False, step: float = STEP
+        self,
+        mismatch: float = 0.0,
+        error: float = 0.0,
+        stands: bool = False,
+        motor_limited: bool = False,
+        step: float = STEP,
     ) -> bool:
-        arguments = self._state, self._settings, mismatch, error, stands, pushes, step
+        arguments = self._state, self._settings, mismatch, error, stands, motor_limited, step
         return bool(self._module.check_torque(*arguments))
 
     def check_pressure(self, pressure: float, asked: float, step: float = STEP) -> bool:
@@ -82,7 +87,7 @@ def test_the_error_is_summed_over_time(plausibility: ModuleType) -> None:
 
 
 def test_plates_that_slide_or_a_motor_that_pushes_begin_it_anew(plausibility: ModuleType) -> None:
-    for other in ({"stands": False}, {"stands": True, "pushes": True}):
+    for other in ({"stands": False}, {"stands": True, "motor_limited": True}):
         doubts = Doubts(plausibility)
         for _ in range(4):
             assert not any(doubts.check_torque(0.0, 4.0, stands=True) for _ in range(3))

@@ -239,7 +239,7 @@ class Calls:
         self.log, self.drifts = list[tuple[Any, ...]](), list[Any]()
         self.beat: Any = SimpleNamespace(clock=SimpleNamespace(period_ns=PERIOD, start=self._start))
         turn = SimpleNamespace(answer_slots=self._answer_slots, answer_samples=self._answer_samples)
-        self.trigger = module.trigger(name)(self.beat, turn)
+        self.trigger = module.find_trigger(name)(self.beat, turn)
 
     def _start(self, first: int) -> None:
         self.log.append(("start", first))
@@ -285,6 +285,6 @@ def test_a_grid_that_follows_the_samples_keeps_its_drift(trigger: ModuleType) ->
 
 def test_only_known_triggers(trigger: ModuleType) -> None:
     for name, kind in (("clock", "ClockTrigger"), ("bus", "BusTrigger"), ("pll", "PllTrigger")):
-        assert trigger.trigger(name) is getattr(trigger, kind)
+        assert trigger.find_trigger(name) is getattr(trigger, kind)
     with pytest.raises(InputError, match=r"trigger 'time' is unknown; allowed are bus, clock, pll"):
-        trigger.trigger("time")
+        trigger.find_trigger("time")
