@@ -51,13 +51,13 @@ TORQUE_SETTINGS = np.dtype(
 # torque. spin [rad/s], turn [rad]: motion that the motor would have if the capacity were that of the level. touched: time in
 # contact [s]. observed [Nm]: torque balance behind the observer's lag. motor_before [Nm]: next input of motor_lag.
 # demand_acting, demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and with the one
-# before
+# before. begun: there has been a sample
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
      ("cylinder", "f8"), ("pressure", "f8"), ("borne", "f8"),
      ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("spin", "f8"), ("turn", "f8"), ("touched", "f8"),
      ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
-     ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"),
+     ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"), ("begun", "?"),
      ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION), ("presliding", PRESLIDING)]
 )  # fmt: skip
 
@@ -301,6 +301,8 @@ def _update_pressed(torque, settings, pressure, step):
 def _update_balance(torque, settings, coulomb, viscous, speed_demand, motor_limited, sample, step):
     """Update both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are of the sample before."""
     if step > 0.0:
+        if not torque.begun:  # the motor already has its speed when a run begins (sample.py): its torque does not jump
+            torque.begun, torque.demand_acting, torque.demand_before = True, speed_demand, speed_demand
         # The observer's second difference is centred on the sample before (lag.py).
         q = exp(-settings.bandwidth * step)
         low_pass(torque.coulomb_lag, coulomb, q)

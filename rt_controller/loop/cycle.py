@@ -137,7 +137,8 @@ def run_cycle(states, all_settings, inbox, count, slots, outbox):
     if not finding:
         finding = _find_other_sender(node)
     _update_applied_torque(node, settings, slots)
-    motor_limited = abs(sample.motor_torque) >= _LIMITED_SHARE * node.motor_limit
+    limit = node.motor_limit if settings.drives else settings.motor_torque_limit
+    motor_limited = abs(sample.motor_torque) >= _LIMITED_SHARE * limit
     lost, implausible = _check_plausibility(node, settings, request, motor_limited, elapsed)
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
     target = node.pressure_demand if request == Request.PRESSURE else nan

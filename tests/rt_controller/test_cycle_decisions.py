@@ -358,6 +358,24 @@ def test_of_one_clutch_the_applied_torque_is_that_of_the_motor(cycle: ModuleType
     assert bench.state.sample.known
 
 
+def test_both_controllers_expect_the_jump_of_the_motor_torque_at_a_new_speed_demand(cycle: ModuleType) -> None:
+    for torque, jumps in ((100, True), (1600, False)):  # 2.4 Nm; 39 Nm, at the limit of the motor
+        for clutch in "ab":
+            bench = CycleBench(cycle, clutch)
+            bench.start()
+            bench.run([*bench.sample(2, torque=torque), bench.demand(speed=6000)])
+            bench.run(bench.sample(3, torque=torque))
+            state = bench.state.law.torque
+            half = (
+                0.5
+                * bench.settings.law.torque.model.motor_gain
+                * 1000
+                * FRAMES["TORQUE_SETPOINT"].scale["speed_demand"]
+            )
+            expected = torque * ENCODER.scale["motor_torque"] + (half if jumps else 0.0)
+            assert state.motor_before == pytest.approx(expected, rel=1e-12), (torque, clutch)
+
+
 def test_a_status_of_the_other_clutch_is_used_between_two(cycle: ModuleType) -> None:
     every = 102  # slots between two statuses
     for slot in (0, 50, 51, 52, 101, 102, 153):

@@ -94,3 +94,15 @@ def test_without_adaptation_nothing_is_learnt() -> None:
     for _ in range(200):
         estimate(clutch.torque, fixed, True, True, 0.0, False, sample, STEP)
     assert clutch.torque.level == 1.0
+
+
+def test_a_motor_that_turns_when_the_run_begins_shows_no_torque() -> None:
+    clutch = Clutch()
+    sample = make_record(SAMPLE, pressure=0.0, temperature=70.0 + CELSIUS, speed=10.0, slip=10.0, known=True)
+    for _ in range(10):
+        estimate(clutch.torque, SETTINGS, False, False, 10.0, False, sample, STEP)
+        assert clutch.torque.observed == 0.0
+    estimate(clutch.torque, SETTINGS, False, False, 11.0, False, sample, STEP)
+    for _ in range(3):
+        estimate(clutch.torque, SETTINGS, False, False, 11.0, False, sample, STEP)
+    assert clutch.torque.observed > 0.0, "a later demand makes the motor's torque jump"
