@@ -6,13 +6,14 @@ clutch follows no demand, so this phase is left out where torque and demand are 
 begins, ends or changes its sign.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from clutch_hil.bench.judgement.following import Following, find_regime, judge_following
 from protocols.can.frames import load_frames
+from protocols.can.two_clutches import CONTROLLERS
 
 Columns = Mapping[str, np.ndarray]
 _PRESSURE_BIN = 0.05  # bar, width of a bin of equal pressure: ten quantisation steps of the ADC
@@ -178,10 +179,10 @@ def _compute_torque_over_slip(columns: Columns) -> float:
     return _average(moment[fast]) - _average(moment[slow])
 
 
-def _name_fault(columns: Columns) -> str:
-    return load_frames()["CONTROLLER_STATUS"].list_choices("fault")[
-        int(_find_highest(np.nan_to_num(columns["controller_fault"])))
-    ]
+def name_fault(columns: Columns, controllers: Sequence[str] = CONTROLLERS[:1]) -> str:
+    """Return the name of the fault with the highest number that `controllers` had in a run; "none" without a fault."""
+    numbers = np.concatenate([np.nan_to_num(columns[f"{controller}_fault"]) for controller in controllers])
+    return load_frames()["CONTROLLER_STATUS"].list_choices("fault")[int(_find_highest(numbers))]
 
 
 def _compute_fault_time(columns: Columns) -> float:
@@ -313,6 +314,6 @@ MEASURES: Mapping[str, Measure] = {
     "stopping_spread_s": Measure("s", "longest minus shortest of these times", _compute_stopping_spread),
     "held_angle_rad": Measure("rad", "largest rotation of a locked clutch after its plates came to rest", _compute_held_angle),
     "breakaway_torque_nm": Measure("Nm", "highest torque at which plates at rest begin to slide", _compute_breakaway),
-    "fault": Measure("", "reason of the controller's fault", _name_fault, list_faults),
+    "fault": Measure("", "reason of the controller's fault", name_fault, list_faults),
     "fault_time_s": Measure("s", "time of the controller's first fault", _compute_fault_time),
 }  # fmt: skip

@@ -16,9 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clutch_hil.bench.judgement.measures import Columns, Measure, list_faults
-from protocols.can.frames import load_frames
-from protocols.can.two_clutches import CLUTCHES
+from clutch_hil.bench.judgement.measures import Columns, Measure, is_in_phase, list_faults, name_fault
+from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 
 _BEFORE_TIME = 0.2  # s, long enough to average the noise that the loop transmits from the sensors
 _AFTER_TIME = 0.2  # s after the shift: two time constants of the motor's speed loop
@@ -26,7 +25,6 @@ _LONGEST_TIME = 1.0  # s, length of the window after the torque phase where the 
 _OPEN_SHARE = 0.05  # of the torque before: below this share clutch a counts as open
 SYNCHRONOUS = 4.0  # rad/s: twice the slip of the shipped profile in 2nd gear
 _STANDING_SLIP = 0.01  # rad/s: plates with less slip stick; the true slip of sticking plates is 0
-_CONTROLLERS = ("controller_fault", "controller_b_fault")
 
 
 class Handover(NamedTuple):
@@ -95,8 +93,7 @@ def _compute_shift_time(columns: Columns) -> float:
 
 def _is_b_in_lock(columns: Columns) -> np.ndarray:
     """Return a mask (n,) of the samples in which clutch b is in the phase lock."""
-    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].list_choices("phase").items()}
-    return columns["controller_b_phase"] == phases["lock"]
+    return is_in_phase(columns, "lock", CONTROLLERS[1])
 
 
 def _is_b_locked(columns: Columns) -> np.ndarray:
@@ -141,10 +138,6 @@ def _compute_hottest(columns: Columns, clutch: str) -> float:
     return float(columns[f"truth_oil_temperature_{clutch}_degc"].max())
 
 
-def _name_fault(columns: Columns) -> str:
-    return list_faults()[int(max(np.nan_to_num(columns[name]).max() for name in _CONTROLLERS))]
-
-
 MEASURES: Mapping[str, Measure] = {
     "torque_gap": Measure("1", "deepest dip of the output torque in the hand-over, share of the torque before", _compute_gap),
     "torque_peak": Measure(
@@ -161,5 +154,5 @@ MEASURES: Mapping[str, Measure] = {
     "lock_up_peak": Measure(
         "1", "highest rise of the output torque in the lock-up, share of the torque before", _compute_lock_up_peak
     ),
-    "fault": Measure("", "reason of a controller's fault", _name_fault, list_faults),
+    "fault": Measure("", "reason of a controller's fault", lambda c: name_fault(c, CONTROLLERS), list_faults),
 }  # fmt: skip
