@@ -43,11 +43,8 @@ _FACTORS = {  # unit -> other units of a channel, and their number in one of our
     "v": {"mV": 1e3},
     "m": {"mm": 1e3, "cm": 100.0, "inch": 39.37, "dm": 10.0, "sixteenths": 16.0},
 }
-_FREE_ZERO = (
-    "shaft_angle_rad",
-    "position_m",
-    "displacement_m",
-)  # their zero is the position when the encoder was switched on
+# their zero is the position when the encoder was switched on
+_FREE_ZERO = "shaft_angle_rad", "position_m", "displacement_m"
 
 
 def _freeze(x: np.ndarray, _: float) -> np.ndarray:

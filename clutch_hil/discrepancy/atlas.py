@@ -38,9 +38,8 @@ from protocols.files.bounds import check_bytes
 
 CLAIM_LEVEL = 0.01  # p-value of a claim: share of the cases without a disagreement in which any claim may be made
 REGIME_LEVEL = 0.05  # p-value of each named regime, where one regime is significant at CLAIM_LEVEL
-LEAST_DISAGREEMENT = (
-    0.458  # floors: root of 1.1^2 - 1, because an error within 1.1 floors counts as closed (docs/battery.md)
-)
+# floors: root of 1.1^2 - 1, because an error within 1.1 floors counts as closed (docs/battery.md)
+LEAST_DISAGREEMENT = 0.458
 LEAST_IN_PHASE = 1.0  # floors: least size of a claim for one regime only
 _SIGN_BLOCK = 0.25  # s: products of residuals further apart than this are independent
 _SIGN_DRAWS = 2000  # number of random signs: the smallest p-value is 1/2001
@@ -53,9 +52,8 @@ _POWER_EACH = 0.1  # ... and that each of them must contain
 # Families of operating regimes. Terciles of pressure, slip and temperature are only in gap_by_regime of report.json.
 _CLAIMED_FAMILIES = ("phase", "direction", "slip sign", "reversal turn")
 _LEAST_DENSITY = 1.6  # least ratio of the share of power to the share of time in the claimed regimes
-_ECHO = (
-    0.15  # of the power of the largest claim, in floors: less may come from another block, whose gain is known to 10 %
-)
+# of the power of the largest claim, in floors: less may come from another block, whose gain is known to 10 %
+_ECHO = 0.15
 _LEAST_TIME = 1e-3  # of the time: a shorter regime is ignored
 Shares = Mapping[str, tuple[float, float]]  # regime -> (share of power, share of time)
 

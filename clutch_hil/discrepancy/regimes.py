@@ -32,9 +32,8 @@ _ENGAGING = 0.3  # s after contact: slip and the motor's speed control have sett
 _EMPTY = 0.1  # of the preload pressure: below it the piston is at rest and the line nearly empty
 _LEAST_SLOPE = 0.2  # bar/s: a smaller slope has no direction; steps and sines of an experiment are faster
 _SLOPE_NOISE = 0.35  # of _LEAST_SLOPE: standard deviation of the slope; noise alone exceeds it in 0.5 % of the samples
-_NARROWEST = (
-    1e-2  # s, standard deviation of the narrowest window: shorter movements are the end of a stroke, not a direction
-)
+# s, standard deviation of the narrowest window: shorter movements are the end of a stroke, not a direction
+_NARROWEST = 1e-2
 _WIDEST = 0.1  # s: a wider window would miss a reversal
 _REVERSAL = 0.1  # s before and after a change of sign
 _LEAST_SLIP = 0.05  # rad/s: 4 times the encoder's noise in the narrowest window; a shaft at rest has no direction

@@ -36,7 +36,8 @@ _REFERENCE = 70.0  # degC, of Tables 6.3 to 6.5
 _TEMPERATURES = (50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0, 130.0, 140.0, 150.0)  # degC, range of fig 6.8
 _SHOWN = 0.999  # quantile of the rows of a run: a peak of one or two samples is no evidence for a map
 _STEP = 0.1  # step of the differences, in standard deviations of the parameter
-_FILL = 1.0  # s, longest fill time
+_SLOPE_STEP = 0.01  # bar to both sides, chosen: the maps are smooth over it
+_FILL = 1.0  # s, longest fill time, chosen: the shipped clutch takes 85 ms
 _SAMPLE, _SUBSTEPS = 1e-3, 10  # s and -: sample and integration steps per sample of the simulated fill
 
 
@@ -124,8 +125,8 @@ def compute_torque(v: Values, pressure: np.ndarray, slip: float, celsius: float)
 
 def compute_slope(v: Values, pressure: float, slip: float, celsius: float) -> float:
     """Compute the slope of the torque at rest over the cylinder pressure [Nm/bar]."""
-    below, above = compute_torque(v, pressure + np.array([-0.01, 0.01]), slip, celsius)
-    return float(above - below) / 0.02
+    below, above = compute_torque(v, pressure + np.array([-_SLOPE_STEP, _SLOPE_STEP]), slip, celsius)
+    return float(above - below) / (2.0 * _SLOPE_STEP)
 
 
 def _compute_warmth(v: Values, celsius: float) -> float:

@@ -20,12 +20,12 @@ _FOLDER = Path(__file__).parent
 
 
 def load_effects() -> Mapping[str, Effect]:
-    """Every effect by name: those of this package, then those of the user's folders. Raises InputError."""
+    """Return every effect by name: those of this package, then those of the user's folders. Raises InputError."""
     return _load_effects(os.environ.get(VARIABLE, ""))
 
 
 def find_effect(name: str) -> Effect:
-    """An effect by name. Raises InputError that names the closest effects."""
+    """Return an effect by name. Raises InputError that names the closest effects."""
     known = load_effects()
     if name not in known:
         raise InputError(f"effect {name!r} is unknown; {suggest_closest(name, known)}")
@@ -79,7 +79,7 @@ def _check_names(one: Effect, known: Mapping[str, Effect]) -> None:
 
 
 def _load_module(path: Path, ours: bool) -> ModuleType:
-    """The module of an effect file. Raises InputError for a user's file that cannot be loaded."""
+    """Return the module of an effect file. Raises InputError for a user's file that cannot be loaded."""
     if ours:
         return importlib.import_module(f"{__package__}.{path.parent.name}.{path.stem}")
     return load_user_file(path, "clutch_hil_effects", f"effect file {path}")

@@ -78,9 +78,8 @@ def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, l
     """Simulate as `simulate_slide`, compiled and without its checks: arrays of wrong lengths corrupt memory.
 
     `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N]
-    (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n
-
-    every, 3) at every `every`-th step; `state` is left at the last one.
+    (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every
+    `every`-th step; `state` is left at the last one.
     """
     position, velocity = start
     new_state = state.copy()

@@ -103,9 +103,8 @@ def measure_break_away(rig: Tribometer, load: float, acceleration: float) -> tup
     The velocity demanded rises at `acceleration` [rad/s^2], to well beyond break-away. Raises InputError.
     """
     require("acceleration", acceleration, above=0.0, unit="rad/s^2")
-    held = (
-        BREAK_AWAY_RATIO * _expect_torque(rig, SLOWEST_SLIDING, load) / rig.parameters["motor.velocity_gain"].si
-    )  # rad/s
+    # rad/s, of the demand at break-away: the motor is held back by friction over the gain of the velocity loop
+    held = BREAK_AWAY_RATIO * _expect_torque(rig, SLOWEST_SLIDING, load) / rig.parameters["motor.velocity_gain"].si
     seconds = (held + (2.0 * SETTLING_ANGLE * acceleration) ** 0.5) / acceleration
     motion = run_and_filter(rig, rig.make_velocity_drive(lambda time: acceleration * time), load, seconds)
     return float(motion.torque.max()), motion
@@ -156,9 +155,8 @@ def play_oscillation(
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
     if not 0.0 < swing < offset:
         raise InputError(f"swing is {swing:g} rad/s about {offset:g} rad/s; allowed is above 0 to below the offset")
-    mean = (
-        offset + _expect_torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si
-    )  # as in `measure_stribeck`
+    # rad/s, mean demand: the proportional loop falls behind by friction over its gain, as in `measure_stribeck`
+    mean = offset + _expect_torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si
     drive = rig.make_velocity_drive(lambda time: mean - swing * np.cos(2.0 * pi * frequency * time))
     return run_and_filter(rig, drive, load, (periods + 3.5) / frequency).cut(
         3.0 / frequency, (periods + 3.0) / frequency

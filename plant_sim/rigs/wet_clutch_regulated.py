@@ -21,7 +21,7 @@ from plant_sim.profiles.profile import Profile
 from plant_sim.rigs.sensors import voltages
 from plant_sim.rigs.wet_clutch import Rig, advance, load_nominal
 from plant_sim.rigs.wet_clutch_run import QUIET
-from protocols.files.units import ZERO_CELSIUS
+from protocols.files.units import BAR, ZERO_CELSIUS
 from protocols.node import load_node
 
 _OPEN, _FILL, _CLOSED = range(3)
@@ -77,7 +77,7 @@ def regulate_profile(
     """
     period = 1.0 / rate
     setpoints = [profile.interpolate(k * period) for k in range(round(profile.duration * rate))]
-    demand = np.array([s.pressure for s in setpoints]) * 1e5
+    demand = np.array([s.pressure for s in setpoints]) * BAR  # Pa
     speed = np.array([s.speed for s in setpoints])
     speed = np.concatenate([speed[:1], speed[:-1]])
     voltage = np.zeros(len(speed))

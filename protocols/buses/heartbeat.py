@@ -13,7 +13,7 @@ LISTEN_SECONDS = 0.2  # s, four heartbeats: long enough to receive one of anothe
 
 def make_session() -> int:
     """Return the session number of this service, from process number and time; heartbeats carry 16 bits of it."""
-    number = os.getpid() << 8 ^ time.monotonic_ns()  # the heartbeat has 16 bits of it
+    number = os.getpid() << 8 ^ time.monotonic_ns()
     return load_frames()["PLANT_HEARTBEAT"].wrap("session", number)
 
 

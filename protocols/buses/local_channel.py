@@ -50,9 +50,8 @@ _SEND_BUFFER = 1 << 20  # bytes; the kernel doubles it and charges 768 for a sma
 _SO_SNDBUFFORCE = 32  # exceeds net.core.wmem_max, for root; not defined in Python
 _BACKLOG = 4096  # newcomers that may wait for a participant that does not admit them
 _FRAMES_A_CALL = 4096  # most frames per call of `receive`, so that a flood cannot block the caller
-_DEPARTED_KEPT = (
-    64  # departed participants with unread frames; a participant that never reads must not run out of descriptors
-)
+# departed participants with unread frames; a participant that never reads must not run out of descriptors
+_DEPARTED_KEPT = 64
 _NEWCOMER = re.compile(rb"\0(\d+-\d+) [0-9a-f]{16}")  # address of a connecting participant, see `_connect_to_all`
 _SELECTABLE = 1024  # select() takes descriptors below this
 _FULL = {errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM}

@@ -16,9 +16,8 @@ from protocols.can.size import DATABASE, KEY_BITS, SHIPPED
 from protocols.can.version import VERSION_2
 from protocols.errors import InputError, join_names
 
-_AGREEING = (
-    2  # frames that one other key fits, while no frame is right: two damages by chance agree in 1 of 65 536 cases
-)
+# frames that one other key fits, while no frame is right: two damages by chance agree in 1 of 65 536 cases
+_AGREEING = 2
 _OF_SESSIONS = frozenset(BOUND.values())  # frames that have another data ID while a supervisor holds the claim
 
 

@@ -32,9 +32,8 @@ REJECTED = _COUNTS[2:]  # counts of frames that were not used
 RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "data_id", "counter", "word", "doubts", *_COUNTS)])
 # Frames of a second service on identifiers of this service: number of recent frames, and period of the last
 INTRUDER = np.dtype([("frames", "i8"), ("period", "i8")])
-INTRUSION = (
-    10  # frames: chosen; a second plant or controller sends as many in 10 ms at 1 kHz, a person with a tool does not
-)
+# frames: chosen; a second plant or controller sends as many in 10 ms at 1 kHz, a person with a tool does not
+INTRUSION = 10
 # Doubts of a frame out of sequence, and of one that conflicts with the one before; doubts from which on there are two senders.
 # One frame that is used takes 1 away. Chosen: 5 or 2 in short order are a second sender, which makes one in each cycle; a bus
 # that brings 3 of 1000 in another order makes 1 in 300

@@ -128,7 +128,7 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
         if (match := _SIGNAL.fullmatch(line)) and (ratio := size.choose_ratio(frame, match["name"])) != 1.0:
             factor, low, high = (float(match[key]) * ratio for key in ("factor", "low", "high"))
             line = f"{match['head']}({factor!r},0) [{low:.10g}|{high:.10g}]{match['rest']}"
-        line = _SENSITIVITY.sub(lambda told: _divide_sensitivity(told, size), line)
+        line = _SENSITIVITY.sub(lambda match: _divide_sensitivity(match, size), line)
         if match := _NUMBER.fullmatch(line):
             line = f"{match[1]}{int(match[2]) ^ data_key};"
         lines.append(line)

@@ -33,9 +33,8 @@ _LIVE_GAP = 2.0  # s: longest gap that a viewer requests again
 _ALL_GAP = 30.0  # s: a recorder requests all rows that publishers keep
 _LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer that is further behind needs only the newest
 _ALL_MESSAGES = 100_000  # some minutes: a recorder needs all of them
-_WAITING_MESSAGES = (
-    1000  # of one kind until the next `read`; beyond it the session blocks, and all other messages with it
-)
+# of one kind until the next `read`; beyond it the session blocks, and all other messages with it
+_WAITING_MESSAGES = 1000
 # events and requests kept to recognise duplicates: nodes answer with their newest 10 000, at most five a second (5 h)
 _MOST_NOTED = 100_000
 _POLL_PERIOD = 0.002  # s between checks for a message

@@ -186,9 +186,8 @@ def test_a_law_vanishes_with_its_strength_and_reaches_severity_4(five, short, la
         squares = [np.mean((simulate(part, hidden).rows - base)[:, :6] ** 2, axis=0) for part, base in baselines]
         return compute_gap(np.sqrt(np.mean(squares, axis=0)), 0.005)
 
-    least = (
-        1e-3 if law.name == "backlash" else 1e-2
-    )  # of its usual strength: a blow on plates that stick is carried in full
+    # of its usual strength: a blow on plates that stick is carried in full
+    least = 1e-3 if law.name == "backlash" else 1e-2
     for second in range(law.variants):
         assert reached(least * law.usual, second) < 1.3  # the least severity, at the least noise
         assert reached(min(5.0 * law.usual, law.most), second) > 4.0

@@ -92,9 +92,8 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
         for can_id, data in inbox:
             if can_id == VALVE.can_id:
                 command = VALVE.unpack(data)
-                voltage = (
-                    command.valve_voltage if command.valve_enable else 0.0
-                )  # the converter's steps are the frame's
+                # the converter's steps are the frame's
+                voltage = command.valve_voltage if command.valve_enable else 0.0
             if can_id == MOTOR.can_id:
                 asked = MOTOR.unpack(data)
                 speed, limit = (asked.speed_demand, asked.torque_limit) if asked.motor_enable else (0.0, 0.0)

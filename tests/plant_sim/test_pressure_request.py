@@ -23,10 +23,8 @@ from tests.clutch_hil.bench.timing.interference import (
     play_with_changes,
 )
 
-BANDWIDTH, BANDWIDTH_ERROR = (
-    9.8,
-    0.3,
-)  # Hz, docs/rig.md: 9.65 Hz measured here, with the bus and straight lines between rows
+# Hz, docs/rig.md: 9.65 Hz measured here, with the bus and straight lines between rows
+BANDWIDTH, BANDWIDTH_ERROR = 9.8, 0.3
 OFFSET = 0.003  # bar: mean of 0.5 s, 1.2 mbar measured; noise and resolution of the sensor are 5 mbar each
 OVERSHOOT = 0.1  # bar: 0.083 measured for the rise of the experiments
 # What a change of request does to the pressure demand [bar] and the torque [Nm] where both demands agree, by control law.

@@ -54,9 +54,8 @@ TORQUE_PRINTED = 0.006  # Nm: docs/rig.md prints 16.74
 LAG_PRINTED = 5e-5  # s: docs/rig.md prints 12.1 ms
 TOUCH_TIME = 0.075, 0.095  # s: "about 85 ms"; measured 86 ms
 BANDWIDTH, BANDWIDTH_BAND = 9.8, 0.3  # Hz; measured 9.60 Hz, without bus, noise and rounding
-ENERGY = (
-    5e-4  # of the friction heat: trapezoids over 0.1 ms miss half of each jump of the motor torque; measured 2.3e-4
-)
+# of the friction heat: trapezoids over 0.1 ms miss half of each jump of the motor torque; measured 2.3e-4
+ENERGY = 5e-4
 LANDING = 0.1 * ADC_STEP  # bar; measured 0.00014 bar once the volume is kept, 0.0104 bar as it is
 ORDER_FLUID, ORDER_REST = 3.5, 1.8  # Runge-Kutta 4; midpoint rule; less a little for the finest step's rounding
 # 4 kHz steps 1/12 ms instead of 1/10 and meets kinks elsewhere in a step: measured 0.013 mbar, 1.5 nm, 0.006 Nm,

@@ -39,9 +39,8 @@ def find_excited(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tupl
             "no reversal: these runs show neither pre-sliding nor an offset; the break points are not valid"
         )
     edges = np.geomspace(SLOWEST * scale.speed, scale.speed, BINS + 1)
-    ruled = (
-        scale.mass * np.abs(np.concatenate([one.acceleration for one in records])) < scale.level
-    )  # by friction, not by inertia
+    # by friction, not by inertia
+    ruled = scale.mass * np.abs(np.concatenate([one.acceleration for one in records])) < scale.level
     share = np.histogram(speed[ruled], edges)[0] / max(int(slides.sum()), 1)
     if np.sum(share > LEAST_SHARE) < LEAST_BINS and "stribeck" in terms:
         seen = speed[ruled & (speed > SLIDING_SHARE * scale.speed)]

@@ -17,9 +17,8 @@ LEAST_PEAK = 0.5
 SLIDING_SHARE = 0.05  # of the greatest speed: faster samples slide; chosen
 WIDE = 50.0  # ratio of a bound to its start; chosen: a start by regression is right within a factor of a few
 BEST_SPACING = CurvatureSpacing(0.5)  # the optimum of docs/friction.md
-MOST_DELAY = (
-    5.0  # samples that a force is behind its position: chosen, converters and filters; a longer one is pre-sliding
-)
+# samples that a force is behind its position: chosen, converters and filters; a longer one is pre-sliding
+MOST_DELAY = 5.0
 SHARES = (0.6, 1.4)  # of an element's break point, for the two that it is split into; chosen
 
 

@@ -14,19 +14,16 @@ from clutch_hil.recordings.checks.finding import Finding
 
 _BLOCK = 0.05  # s, averaging time: it removes the noise, and is shorter than any step at constant speed
 _STEADY = 0.02  # rad/s from one mean to the next: 0.4 rad/s^2, for which even 0.3 kg m^2 need 0.12 Nm only
-_LEAST_BLOCKS, _LEAST_SPAN = (
-    20,
-    3.0,
-)  # least number of means, and least span of clutch torque [Nm]: the slope is then known to some percent
-_TOLD = 0.02  # tolerance of the slope: on 25 rigs within 40 %, with offsets and drag, it was 0.9998 to 1.0002
+# Least number of means, and least span of clutch torque [Nm]: the slope is then known to some percent
+_LEAST_BLOCKS, _LEAST_SPAN = 20, 3.0
+_TOLERANCE = 0.02  # of the slope: on 25 rigs within 40 %, with offsets and drag, it was 0.9998 to 1.0002
 _ANOTHER = (
     "one of them is another channel, or in another unit (1 Nm is 0.738 lbf ft, 8.85 lbf in, 10.2 kgf cm); set its unit in the"
     " import map"
 )
-_SLOPES = (
-    0.77,
-    1.3,
-)  # pound-feet beside Nm are 0.738 or 1.356; sensor gains of the battery's largest size are 0.75 to 1.25
+# Slopes that the gain of a sensor can cause. Pound-feet beside Nm are 0.738 or 1.356; sensor gains of the battery's largest
+# size are 0.75 to 1.25
+_SLOPES = 0.77, 1.3
 
 
 def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
@@ -37,10 +34,10 @@ def find_other_torque(runs: Mapping[str, Columns]) -> list[Finding]:
     if len(clutch) < _LEAST_BLOCKS or np.ptp(clutch) < _LEAST_SPAN:
         return []
     slope = float(np.polyfit(clutch, motor, 1)[0])
-    if abs(slope - 1.0) < _TOLD:
+    if abs(slope - 1.0) < _TOLERANCE:
         return []
     hard = not _SLOPES[0] < slope < _SLOPES[1]
-    if abs(slope) < _TOLD:  # such as a column of zeros that an exporter writes for a missing channel
+    if abs(slope) < _TOLERANCE:  # such as a column of zeros that an exporter writes for a missing channel
         text = (
             f"moves by {np.ptp(clutch):.3g} Nm at steady speeds, but motor_torque_nm, the same torque, does not: one of them"
             " is dead, or another channel"

@@ -90,11 +90,8 @@ def reproduce_figure_6_9(sheet: Sheet) -> None:
     speeds = np.array([10, 20, 30, 45, 60, 80, 100, 125, 150, 175, 200])  # rpm
     staircase = np.repeat(speeds * RPM, 800)
     axes = sheet.make_axes(1, 2, width=11, height=4.5, sharey=True)
-    temperatures = (
-        50.0,
-        100.0,
-        145.0,
-    )  # degC; chosen: over the range of fig 6.8, below 150, where the guard ends a run
+    # degC; chosen: over the range of fig 6.8, below 150, where the guard ends a run
+    temperatures = 50.0, 100.0, 145.0
     curves, parts = [], []
     for temperature in temperatures:
         parameters = load_nominal(**list_cooling_changes(), oil__sump_temperature=temperature)

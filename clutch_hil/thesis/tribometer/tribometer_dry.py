@@ -161,9 +161,8 @@ def reproduce_figure_4_3(sheet: Sheet) -> None:
 def _run_local_memory(condition: str, load: float, scale: float) -> Motion:
     """Run a rig whose contact is Dahl's model, with the limit and the first stiffness of the elements' parabola."""
     limit = CONTACTS.static_coefficient(condition, load) * load  # N
-    stiffness = (
-        2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.make_dry_rig(load).radius)
-    )  # N/m
+    # N/m
+    stiffness = 2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.make_dry_rig(load).radius)
     return play_pre_sliding(Tribometer(Dahl(limit, stiffness)), load, scale * SAW_TOOTH, scale * SAW_SPEED)
 
 

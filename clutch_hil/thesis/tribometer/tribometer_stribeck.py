@@ -12,7 +12,7 @@ from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs.tribometer_contacts import Contacts
 from plant_sim.rigs.tribometer_experiments import Steady, measure_break_away, measure_stribeck
-from protocols.files.units import RPM
+from protocols.files.units import BAR, RPM
 
 Array = np.ndarray
 RIGS = Contacts(seed=4)
@@ -224,7 +224,7 @@ def reproduce_figure_4_16(sheet: Sheet) -> None:
     runs = run_stationary_curves()
     p = load_nominal()
     area, contact = p["piston.area"].si, p["piston.contact_pressure"].value
-    load = np.array([area * 1e5 * (pressure - contact) for pressure in PRESSURES])
+    load = np.array([area * BAR * (pressure - contact) for pressure in PRESSURES])
     at = int(np.argmin(np.abs(runs[0].slip - SPEED_OF_TABLE)))
     driven = np.array([float(run.torque[at]) for run in runs])
     static, errors = [], []

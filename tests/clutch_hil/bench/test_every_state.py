@@ -26,9 +26,8 @@ OTHERS_OFF = 5e-4  # of their samples: 9.3e-5 measured in lives 0 to 299
 EXCESS = 1.8  # Nm beyond what is allowed, for a sample in which plates catch: 1.68 measured
 BENT = 15  # lives of plates that bend
 BENT_OFF = 0.015  # of their samples: 0.0037 measured at 2e-3 rad, 0.0072 at 2e-2 rad
-VALVE = (
-    0.2  # V between two samples in stick: 0.18 measured where the torque turns on the way out of lock; noise is 3 mV
-)
+# V between two samples in stick: 0.18 measured where the torque turns on the way out of lock; noise is 3 mV
+VALVE = 0.2
 SINE = 0.065  # Nm rms about the mean: 0.057 measured; the issue asks for 0.1
 TURN = {
     1000: 1.0,

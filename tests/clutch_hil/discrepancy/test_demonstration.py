@@ -19,9 +19,8 @@ PLANT = ("--draw", str(SEED), "--lockstep", "--bus", "local:bench")
 EXPERIMENTS = ("loads_and_slips", "reversals")
 HELD_OUT = "hold_and_release"
 RATE = "250"  # Hz: a quarter of the time, and as good for what is slower than 8 ms
-LEAST_CLOSED = (
-    0.9  # share of the squared error above the floor that must be gone on the held-out run; margin not measured
-)
+# share of the squared error above the floor that must be gone on the held-out run; margin not measured
+LEAST_CLOSED = 0.9
 WORSE = 1.1  # times the error before, or the floor, of an output in which there was no gap
 
 

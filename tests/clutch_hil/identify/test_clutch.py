@@ -31,9 +31,8 @@ SEED = 2
 MAPS, SHAPES, CONTACT, INERTIA = 0.02, 0.10, 0.010, 0.02  # of the issue: relative, relative, bar, relative
 BANDWIDTH = 0.3  # Hz, of the issue
 LEAST_INSIDE = 0.8  # of 26 intervals of 95 % of one rig: fewer than 21 have a probability below 1e-3
-LEAST_ABSENT = (
-    5  # of 7 intervals that hold the offset, drag or delay that is not there; fewer are less probable than 4e-3
-)
+# of 7 intervals that hold the offset, drag or delay that is not there; fewer are less probable than 4e-3
+LEAST_ABSENT = 5
 DECLARED = {name: p.value for name, p in wet_clutch.load_nominal().items()}
 
 

@@ -10,9 +10,8 @@ CLUTCH = {
     "clutch.coulomb_intercept": -11.06, "clutch.viscous_slope": 2.6, "clutch.viscous_intercept": -2.158,
     "clutch.beta_onset": 1.0, "clutch.beta_scale": 0.15,
 }  # fmt: skip
-FOLLOWED = (
-    0.2  # Nm: 0.10 Nm were measured; a controller that knows its rig has 0.05 to 0.19 Nm (docs/identify_method.md)
-)
+# Nm: 0.10 Nm were measured; a controller that knows its rig has 0.05 to 0.19 Nm (docs/identify_method.md)
+FOLLOWED = 0.2
 
 
 def test_a_controller_with_its_calibration_follows_a_torque() -> None:
