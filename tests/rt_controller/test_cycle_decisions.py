@@ -376,6 +376,15 @@ def test_both_controllers_expect_the_jump_of_the_motor_torque_at_a_new_speed_dem
             assert state.motor_before == pytest.approx(expected, rel=1e-12), (torque, clutch)
 
 
+def test_a_motor_at_a_lowered_limit_has_no_jump(cycle: ModuleType) -> None:
+    bench = CycleBench(cycle)
+    bench.start()
+    bench.run([*bench.sample(2, torque=100), bench.demand(speed=6000)])
+    bench.state.motor_limit = 2.0  # Nm, as in lock; 2.4 Nm are measured
+    bench.run(bench.sample(3, torque=100))
+    assert bench.state.law.torque.motor_before == pytest.approx(100 * ENCODER.scale["motor_torque"], rel=1e-12)
+
+
 def test_a_status_of_the_other_clutch_is_used_between_two(cycle: ModuleType) -> None:
     every = 102  # slots between two statuses
     for slot in (0, 50, 51, 52, 101, 102, 153):
@@ -401,6 +410,13 @@ def test_missed_slots_do_not_keep_a_status_of_the_other_clutch_from_use(cycle: M
         bench.state.slot = slot - slots
         bench.run(slots=slots)
         assert (bench.state.other.estimate == 7.0) == used, (slot, slots)
+    for slot in range(5):
+        bench = make_pair(cycle)
+        bench.settings.status_every = 5
+        bench.state.other.is_new, bench.state.other.new_estimate = True, 7.0
+        bench.state.slot = slot - 1
+        bench.run()
+        assert (bench.state.other.estimate == 7.0) == (slot == 2), "half of an odd period, rounded down"
 
 
 def test_frames_of_the_other_clutch_are_taken(cycle: ModuleType) -> None:
