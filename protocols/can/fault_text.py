@@ -93,7 +93,7 @@ class FaultWatch:
     """Finds faults in the rows of a controller, which arrive in blocks.
 
     `columns` are the names of the columns, without the name of the node. `rate` [Hz] converts ticks to time. `parameters`, in
-    their units, add the limits to the messages. `clutch` is a or b where there are two.
+    their units, add the limits to the messages; they are read for each message. `clutch` is a or b where there are two.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class FaultWatch:
     ) -> None:
         self._index = {name: i for i, name in enumerate(columns)}
         self._names = load_frames()["CONTROLLER_STATUS"].list_choices("fault")
-        self._rate, self._parameters = rate, parameters or {}
+        self._rate, self._parameters = rate, {} if parameters is None else parameters
         self._of, self._for = (f" of clutch {clutch}", f" for clutch {clutch}") if clutch else ("", "")
         self._last: float | None = None  # fault of the last row; None before the first
         self._row = np.full(len(columns), nan)  # the last row

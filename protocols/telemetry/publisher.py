@@ -78,6 +78,7 @@ class Publisher:
             entry["name"]: entry for entry in about.get("bus_faults", ())
         }  # only injections change them
         self._terminal = terminal
+        self._values = {name: entry["value"] for name, entry in self._parameters.items()}
         self._faults = self._make_fault_watch([column.name for column in ring.columns])
         self._events: deque[dict[str, Any]] = deque(maxlen=_MOST_KEPT)
         self._requests: deque[dict[str, Any]] = deque(maxlen=_MOST_KEPT)
@@ -148,7 +149,7 @@ class Publisher:
         """Return a FaultWatch for a controller; None for another node."""
         if "fault" not in columns:
             return None
-        return FaultWatch(columns, self._rate, {name: entry["value"] for name, entry in self._parameters.items()})
+        return FaultWatch(columns, self._rate, self._values)
 
     def _print_faults(self, rows: np.ndarray) -> None:
         """Print faults on the terminal of the service, because its loop must not print. Skip them if printing would block."""
@@ -255,12 +256,16 @@ class Publisher:
             self._request.put(json.dumps(logged))
         who = {"by": logged["by"], "checked": logged["checked"]}
         for change in answer.get("changed", ()):
-            self._parameters[change["name"]]["value"] = change["new"]
+            self._note_change(change)
             self._pending.forget(change["name"])
             self._put(change | who)
         if not self._blind:
             self._publish_stage("accepted", [change | who for change in answer.get("accepted", ())])
         return answer
+
+    def _note_change(self, change: dict[str, Any]) -> None:
+        """Note the present value of a parameter: for the key `parameters`, and as a limit in messages of faults."""
+        self._parameters[change["name"]]["value"] = self._values[change["name"]] = change["new"]
 
     def _publish_stage(self, stage: str, changes: Iterable[dict[str, Any]]) -> None:
         """Publish that changes by injections are `accepted`, have `take_started` or have `take_ended`."""
