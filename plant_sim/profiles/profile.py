@@ -51,7 +51,7 @@ SPEED_LIMIT = 26.2 * _SIZE.speed  # rad/s either way, 250 rpm, range of the maps
 def interpolate_setpoint(table, time):
     """Return the set-point of a `Profile.table` at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
 
-    table has shape (5, rows); linear between rows. The plant's loop compiles it (`cycle.py`).
+    table has shape (5, rows); linear between rows. The plant's loop compiles it (`plant_cycle.py`).
     """
     times, torques, speeds, pressures, locks = table[0], table[1], table[2], table[3], table[4]
     after = np.searchsorted(times, time, side="right")

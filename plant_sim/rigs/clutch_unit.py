@@ -7,8 +7,8 @@ Assumptions     inputs, and the force against the piston, constant over a step
 Not modelled    see each block
 References      Janssens 2010, chapter 6; hooks: plant_sim/effects/signals.py
 
-`y`: record with the states of a clutch, changed in place. `s`: signals, those of `signals.known` set. `c`: parameters.
-`h`: step [s]. `e`: effects as `signals.bound` gives them.
+`y`: record with the states of a clutch, changed in place. `s`: signals, set by `signals.set_known`. `c`: parameters.
+`h`: step [s]. `e`: effects as `signals.bind_laws` returns them.
 """
 
 from numba import njit

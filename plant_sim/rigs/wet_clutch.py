@@ -231,7 +231,7 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
     """Advance the rig in place; inputs as in `Rig.advance`. For compiled code only.
 
     state: (1,) of STATE. own: the rig's parameters (1,), which effects at the hook RIG change. signals: (1,) of
-    SIGNALS, overwritten. e: effects with their states, as `signals.bound` gives them.
+    SIGNALS, overwritten. e: effects with their states, as `signals.bind_laws` returns them.
     """
     y, c, s = state[0], own[0], signals[0]
     h = duration / substeps if substeps > 0 else 0.0

@@ -64,7 +64,7 @@ _errno_location = load_system_function("__errno_location", types.CPointer(_INT))
 
 
 class Exchange:
-    """Receives frames of `port` into `inbox`, shape (CAPACITY,) of batch.FRAME, of which the first `count` are used.
+    """Receives frames of `port` into `inbox`, shape (CAPACITY,) of frame_batch.FRAME, of which the first `count` are used.
 
     mark: identifier whose frames are counted. wakes: descriptor that signals a stop request (`stopping.py`), -1 for none.
     Raises InputError if more than 256 participants are on a local bus.

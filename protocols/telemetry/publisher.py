@@ -268,7 +268,7 @@ class Publisher:
         self._parameters[change["name"]]["value"] = self._values[change["name"]] = change["new"]
 
     def _publish_stage(self, stage: str, changes: Iterable[dict[str, Any]]) -> None:
-        """Publish that changes by injections are `accepted`, have `take_started` or have `take_ended`."""
+        """Publish changes by injections that have reached a stage: accepted, started or ended."""
         for change in changes:
             self._put({"injection": stage} | change)
 

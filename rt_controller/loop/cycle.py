@@ -94,8 +94,8 @@ NODE = np.dtype(
 
 
 class ControllerMemory(NamedTuple):
-    """Memory of a node for kernels that run many cycles. `cycle` takes single arrays: a call from Python with a named tuple
-    costs 2 us more.
+    """Memory of a node for kernels that run many cycles. `run_cycle` takes single arrays: a call from Python with a named
+    tuple costs 2 us more.
 
     states (1,) of NODE; settings (1,) of SETTINGS; outbox (OUTBOX,) of frame_batch.FRAME; row (columns,): the record in
     `states` as plain numbers.

@@ -251,7 +251,7 @@ class ControllerNode:
         return count
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
-        """Run one control cycle on frames as objects; return the frames sent. See `cycle`."""
+        """Run one control cycle on frames as objects; return the frames sent. See `run_cycle`."""
         return unload(self.outbox[: self.run_cycle(self._inbox, load(self._inbox, inbox), slots)])
 
     def listen(self, frames: Sequence[Frame]) -> list[Frame]:
