@@ -61,7 +61,7 @@ def test_plates_that_stick_pass_the_steps_of_the_demand(drive: np.ndarray, road:
     np.testing.assert_allclose(shown[1:, SLIP_A], 0.0, atol=1e-3)
     lost = simulate_behind(clutch, demand, drive, road, 0.0)[:, MOTOR_TORQUE] - motor
     half = 0.5 * float(m["proportional"]) * RAMP * PERIOD * share
-    assert lost[-1] == pytest.approx(-half, rel=0.2)
+    assert lost[-1] == pytest.approx(-half, rel=0.02)  # measured 0.4 %
 
 
 def test_without_steps_of_the_demand_the_measured_torque_is_all(drive: np.ndarray, road: np.ndarray) -> None:

@@ -94,7 +94,10 @@ def test_a_ramp_may_turn_back_where_it_ends() -> None:
 
 
 def test_decimal_times_that_add_up_are_taken() -> None:
-    Injection({LEVEL: 0.5}, at=0.1, ramp=0.2, until=0.3)  # 0.1 + 0.2 > 0.3 as floats
+    at, ramp, until = 0.1, 0.2, 0.3
+    assert at + ramp > until, "as floats"
+    injection = Injection({LEVEL: 0.5}, at, ramp, until)
+    assert (injection.at, injection.ramp, injection.until) == (at, ramp, until)
 
 
 # ---- when it acts ----

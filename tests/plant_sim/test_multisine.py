@@ -64,7 +64,7 @@ def test_noise_is_told_as_noise_and_its_size_is_right() -> None:
     assert np.sqrt(np.mean(result.noise**2)) == pytest.approx(expected, rel=0.03)
     assert np.sqrt(np.mean(result.deviation**2)) == pytest.approx(expected, rel=0.06)
     errors = np.abs(result.response - compute_truth())
-    assert np.sqrt(np.mean(errors**2)) == pytest.approx(expected, rel=0.15)
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(expected, rel=0.06)  # measured 2 %
 
 
 def test_the_coherence_is_one_of_a_linear_system_and_falls_with_noise_as_it_should() -> None:

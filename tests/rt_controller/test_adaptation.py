@@ -183,7 +183,9 @@ def test_no_data_drives_level_or_viscous_correction_out_of_bounds(data: list[tup
 
 
 def test_a_stale_sample_may_be_the_first() -> None:
-    LevelAdaptation(SETTINGS).update(COULOMB, VISCOUS, 5.0, 20.0, 0.0, WARM, 0.0, True)
+    adaptation = LevelAdaptation(SETTINGS)
+    adaptation.update(COULOMB, VISCOUS, 5.0, 20.0, 0.0, WARM, 0.0, True)
+    assert (adaptation.level, adaptation.viscous) == (1.0, 0.0), "no correction"
 
 
 def test_a_stale_sample_teaches_nothing() -> None:

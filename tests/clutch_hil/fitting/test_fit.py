@@ -126,7 +126,8 @@ def test_a_noisier_run_has_its_own_noise_and_a_quieter_one_that_of_the_others() 
         evidence = Evidence(Amplifier(), mixed, floors)
         (residual,) = evidence.compute_residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
         powers = [np.mean(residual[piece] ** 2) for piece in evidence.pieces]
-        assert powers == pytest.approx([1.0, 1.0, 1.0, power], abs=POWER)
+        assert powers[:3] == pytest.approx([1.0] * 3, abs=POWER)
+        assert powers[3] == pytest.approx(power, rel=POWER), "of what it would have with the noise of the others"
         pooled = np.sqrt(np.mean([NOISE**2] * 3 + [max(noise, NOISE) ** 2]))
         assert pool_noise([run["output_v"] for run in mixed], floors["output_v"]) == pytest.approx(pooled, rel=0.05)
 
@@ -246,7 +247,7 @@ def test_a_step_is_made_longer_while_that_pays() -> None:
     nominal = {n: p.value for n, p in model.parameters.items()}
     search = CandidateSearch(evidence, linearise(evidence, (nominal, {}), free_baseline(model.parameters, 1.0)))
     (fit,) = search.screen(model.candidates, {})
-    assert fit.values["hum.size"] == pytest.approx(hidden, rel=0.3)
+    assert fit.values["hum.size"] == pytest.approx(hidden, rel=0.01)  # measured 8e-4
 
 
 def test_a_further_effect_mends_most_or_much_of_what_is_left() -> None:

@@ -171,9 +171,8 @@ def test_load_lag_opens_a_loop_with_opening_above_closing() -> None:
     grid = np.linspace(3.2, 3.5, 5)
     width = np.interp(grid, pressure[:top:-1], torque[:top:-1]) - np.interp(grid, pressure[:top], torque[:top])
     s_n = 1.0 + (BETA - 1.0) * exp(-11.52 / 20.0)
-    assert width == pytest.approx(
-        2 * 10.8 * s_n * 1.0 * 0.010, rel=0.15
-    )  # lag times rate, both ways; m lags beta as well
+    # lag times rate, both ways; m lags beta as well: 2 % were measured
+    assert width == pytest.approx(2 * 10.8 * s_n * 1.0 * 0.010, rel=0.05)
 
 
 def test_plates_that_meet_again_do_not_remember_the_load() -> None:
