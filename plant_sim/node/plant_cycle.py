@@ -73,13 +73,14 @@ class Refusal(IntEnum):
 # (`noise.py`).
 # wrong_rates: consecutive heartbeats with another rate. late: consecutive commands that were too old. actuators: Actuators
 # of the sample. latched: LOST, LATE or TWO_SENDERS while the valve stays closed, which a command to close it ends; else 0.
-# gaps: cycles, GAP_MEMORY for each gap of commands, less those since then
+# stale: commands have stopped, until the next one that is used. gaps: cycles, GAP_MEMORY for each gap of commands, less
+# those since then
 CLUTCH = np.dtype(
     [("voltage", "f8"), ("answered_tick", "i8"), ("controller", "i8"), ("age", "i8"), ("commanded", "?"),
      ("torque_demand", "f8"), ("begun", "?"), ("count", "i8"), ("pressure", "f8"), ("slip_speed", "f8"), ("angle", "f8"),
      ("temperature", "f8"), ("clutch_torque", "f8"), ("motor_torque", "f8"), ("noise", "f8", (4,)), ("valve", RECEPTION),
      ("heartbeat", RECEPTION), ("wrong_rates", "i8"), ("late", "i8"), ("actuators", "i8"), ("latched", "i8"),
-     ("gaps", "i8")]
+     ("stale", "?"), ("gaps", "i8")]
 )  # fmt: skip
 
 
@@ -164,6 +165,7 @@ def _receive(interface, settings, frame):
                     _dac(read_value(word, s.valve_voltage), its.dac_range, its.dac_bits) if follows else 0.0
                 )
                 clutch.answered_tick, clutch.age, clutch.commanded, clutch.late = answered, 0, True, 0
+                clutch.stale = False
         elif can_id == clutch.heartbeat.can_id and _accept(interface, clutch.heartbeat, word, length, k):
             s = settings.clutches[k].controller_heartbeat
             lifecycle, rate = read_raw(word, s.lifecycle), read_raw(word, s.rate)
@@ -287,7 +289,8 @@ def show(
     clutch, its = interfaces[0].clutches[k], settings.clutches[k]
     if clutch.commanded and clutch.age >= settings.latch_after and clutch.controller != Lifecycle.FINALIZED.value:
         clutch.latched = Actuators.LATE.value if clutch.late > 0 else Actuators.LOST.value
-    if clutch.commanded and clutch.age == STALE_CYCLES:
+    if clutch.commanded and clutch.age >= STALE_CYCLES and not clutch.stale:
+        clutch.stale = True
         clutch.gaps += settings.gap_memory
     if clutch.gaps > MOST_GAPS * settings.gap_memory:
         clutch.latched = Actuators.LOST.value
@@ -332,4 +335,4 @@ def _find_actuators(clutch):
         return Actuators.SAFE.value
     if clutch.latched != 0:
         return clutch.latched
-    return Actuators.STALE.value if clutch.age >= STALE_CYCLES else Actuators.COMMANDED.value
+    return Actuators.STALE.value if clutch.stale or clutch.age >= STALE_CYCLES else Actuators.COMMANDED.value

@@ -110,6 +110,23 @@ def test_a_gap_of_commands_is_kept_for_a_second(plant_cycle: ModuleType) -> None
     assert bench.clutch.gaps == 0
 
 
+def test_a_computer_that_stands_still_in_a_gap_makes_no_second_gap_of_it(plant_cycle: ModuleType) -> None:
+    bench = PlantBench(plant_cycle)
+    bench.go_to(3)
+    bench.take(bench.valve(3))
+    for _ in range(STALE + 1):
+        before = int(bench.sample(bench.tick + 1).gaps)
+    assert before == RATE - 1
+    bench.skip(20)
+    for _ in range(20):
+        clutch = bench.sample(bench.tick + 1)
+        assert clutch.gaps == before - 1, "no new gap"
+        assert clutch.actuators == Actuators.STALE, "no command has come"
+        before -= 1
+    bench.take(bench.valve(bench.tick))
+    assert bench.sample(bench.tick + 1).actuators == Actuators.COMMANDED
+
+
 def test_a_clutch_that_was_never_commanded_has_no_gap(plant_cycle: ModuleType) -> None:
     bench = PlantBench(plant_cycle)
     bench.begin(0)
