@@ -332,18 +332,10 @@ def _write_commands(node, settings, phase, outbox):
         s = settings.motor_command
         word = np.int64(0)
         if phase != Phase.FAULT and node.setpoint_age != inf:
-            limit = settings.motor_torque_limit
-            # The lower limit holds until locked plates slide or separate: a higher motor torque would make them slide
-            leaves = not law.torque.motion.moves or law.held > 0.0 or phase == Phase.RELEASE
-            node.locked = phase == Phase.LOCK or (node.locked and law.torque.contact and leaves)
-            if node.locked and settings.law.torque.alone:
-                limit = min(
-                    limit, motor_limit(settings.law.lock, settings.law.torque.model, law.torque.adaptation.level)
-                )
-            node.motor_limit = limit
+            _update_motor_limit(node, settings, phase)
             word = put(word, s.motor_enable, True)
             word = put(word, s.speed_demand, node.speed_demand)
-            word = put(word, s.torque_limit, limit)
+            word = put(word, s.torque_limit, node.motor_limit)
         word = put_raw(word, s.sample_tick, max(node.sample.tick, 0))  # it wraps around
         write_frame(outbox[sent], s, word, cycle)
         limit_outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
@@ -357,6 +349,21 @@ def _write_commands(node, settings, phase, outbox):
     limit_outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
     node.cycle = cycle + 1
     return sent + 1
+
+
+@njit
+def _update_motor_limit(node, settings, phase):
+    """Update the torque limit of the motor: in lock the torque that the plates carry with a margin, if it is lower.
+
+    The lower limit holds until locked plates slide or separate: a higher motor torque would make them slide.
+    """
+    law, model = node.law, settings.law.torque.model
+    leaves = not law.torque.motion.moves or law.held > 0.0 or phase == Phase.RELEASE
+    node.locked = phase == Phase.LOCK or (node.locked and law.torque.contact and leaves)
+    node.motor_limit = settings.motor_torque_limit
+    if node.locked and settings.law.torque.alone:
+        carried = motor_limit(settings.law.lock, model, law.torque.adaptation.level)
+        node.motor_limit = min(node.motor_limit, carried)
 
 
 @njit
