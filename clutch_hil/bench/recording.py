@@ -30,6 +30,8 @@ TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of c
 # Plant rows that may wait for the controller's answer: 60 s at 1 kHz. Older rows are written without it. A recorder that joins
 # a running bench may receive the controller's past rows late.
 _MOST_WAITING = 60_000
+# Endings of the files that commands write. A folder with such a name would be taken for the file.
+_FILE_ENDINGS = (".parquet", ".mf4", ".csv", ".json", ".toml", ".html", ".png", ".rrd")
 _FEWEST_LATE = 20_000  # of the older rows that are written together: the remaining rows are copied each time
 
 
@@ -38,8 +40,16 @@ class TooShortError(InputError):
 
 
 def make_writable(folder: Path) -> Path:
-    """Return `folder`, created if missing. Raises InputError when nothing can be written there."""
+    """Return `folder`, created if missing. Raises InputError when nothing can be written there.
+
+    A new folder may not have the name of a file that the bench writes. Who gives such a name expects a file there.
+    """
     check_name(folder, "folder")
+    if folder.suffix in _FILE_ENDINGS and not folder.exists():
+        plain = folder.with_suffix("")
+        raise InputError(
+            f"{folder} would be a folder, but its name ends like that of a file; give a folder, such as {plain}"
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

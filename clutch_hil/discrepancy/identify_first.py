@@ -15,12 +15,14 @@ Assumptions     a rig that has the model's equations can be fitted to the floor.
 from collections.abc import Sequence
 from math import isfinite
 
+import numpy as np
 from scipy.special import chdtri
 
 from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
 from clutch_hil.discrepancy.result import Estimate
 from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import LinearModel
 from clutch_hil.fitting.model import Model, find_calibration
 from clutch_hil.fitting.recalibration import Identifiable, recalibrate
 from protocols.files.units import space_unit
@@ -29,23 +31,27 @@ _MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves at m
 _FAR = 1.0  # stated uncertainties: a parameter that moved less is not reported
 _LEAST_TOLD = 3  # parameters reported where none moved far: many small errors together
 _RARE = 0.01  # of the rigs: a rarer calibration contradicts the stated uncertainties
+# Share of the excess. Sensitivities hold near the baseline, so a calibration that explains everything may seem to leave some.
+_LEFT_BY_SENSITIVITIES = 0.5
 _AT_LIMIT = 0.99  # of the allowed change of a parameter: from here on the parameter is at its limit
 
 
 def look_for_calibration(
-    evidence: Evidence, base: Point, best: Point, single: bool, doubtful: bool
+    evidence: Evidence, base: LinearModel, best: Point, single: bool, doubtful: bool
 ) -> Recalibration | None:
-    """Re-calibrate the model of `evidence` without tolerance; None where baseline or effects clearly explain everything.
+    """Re-calibrate the model of `evidence` without tolerance; None where no calibration can change the answer.
+
+    That is so where the baseline explains everything, and where one effect does and its gap is not like a calibration's.
 
     base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether `best` has
     one effect that may be named, whose law may be slightly wrong; False for several effects and for one that explains too
     little. doubtful: whether several effects, or alternatives, would be named.
     """
     model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
-    before, effects = (evidence.compute_excess(r) for r in evidence.compute_residuals([base, best]))
-    if not doubtful and (before <= DISAGREEMENT or effects <= margin):
+    before, effects = (evidence.compute_excess(r) for r in evidence.compute_residuals([base.point, best]))
+    if not doubtful and (before <= DISAGREEMENT or (effects <= margin and not _can_explain(base))):
         return None
-    values, after = recalibrate(evidence, base)
+    values, after = recalibrate(evidence, base.point)
     if not isfinite(after):  # the model cannot be simulated there
         return None
     moved = [
@@ -58,6 +64,16 @@ def look_for_calibration(
     command = model.identification if isinstance(model, Identifiable) else None
     likely = doubtful and is_as_stated(moved)
     return Recalibration(tuple(far), before, after, effects, margin, command, likely)
+
+
+def _can_explain(base: LinearModel) -> bool:
+    """Return whether a calibration without limits could explain the residual of `base`, by its sensitivities alone.
+
+    This costs no simulation. The re-calibration itself may take a third of a search.
+    """
+    size = base.residual.size
+    left = base.residual - base.jacobian @ np.linalg.lstsq(base.jacobian, base.residual, rcond=None)[0]
+    return bool(left @ left - size <= _LEFT_BY_SENSITIVITIES * (base.residual @ base.residual - size))
 
 
 def is_as_stated(moved: Sequence[Moved]) -> bool:
@@ -98,8 +114,11 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
     return notes
 
 
-def note_rest(recalibration: Recalibration) -> list[str]:
-    """Return a note where the re-calibration leaves less than the effects do, but not nothing: both may be wrong."""
+def note_rest(recalibration: Recalibration, named: bool) -> list[str]:
+    """Return a note where the re-calibration explains as much as the effects, or more but not everything.
+
+    named: whether effects, or alternatives, are named.
+    """
     if recalibration.explains:
         left = (
             f"even after re-calibration the model leaves {recalibration.after:.2g} times the power of the noise floor"
@@ -107,7 +126,13 @@ def note_rest(recalibration: Recalibration) -> list[str]:
         return (
             [] if recalibration.is_complete else [f"{left}: an effect may also be missing; identify, then search again"]
         )
-    if recalibration.after > _MUCH_LESS * recalibration.effects:
+    much_less = recalibration.after <= _MUCH_LESS * recalibration.effects and not recalibration.is_complete
+    if named and recalibration.equals and not much_less:
+        return [
+            f"a calibration beyond the stated uncertainty explains as much as what is named: {recalibration}. These runs"
+            f" cannot tell which is right. If this rig was never identified, {recalibration.advice}"
+        ]
+    if not much_less:
         return []
     return [
         f"a calibration beyond the stated uncertainty explains {recalibration.closed:.1%} of the disagreement by itself,"

@@ -71,6 +71,8 @@ class Discrepancy:
     def _describe_verdict(self) -> str:
         result = self.result
         sure = f"confidence {result.confidence:.2f}"
+        if result.equal_calibration:
+            sure += "; another calibration explains as much: see the notes"
         if result.verdict == NAMED:
             named = f"named: {' + '.join(result.effects)} ({sure})"
             if (column := result.main_output) is None:

@@ -64,6 +64,14 @@ class Recalibration:
         return self.after <= enough and self.effects > self.after + self.margin
 
     @property
+    def equals(self) -> bool:
+        """Return whether the re-calibration explains as much as the effects, so that the runs cannot distinguish them.
+
+        It must leave no disagreement, or no more than the effects do.
+        """
+        return not self.explains and self.after <= max(DISAGREEMENT, self.effects)
+
+    @property
     def is_complete(self) -> bool:
         """Return whether the re-calibration leaves no disagreement."""
         return self.after <= DISAGREEMENT

@@ -115,9 +115,7 @@ class Result:
     held_out: str = "given"  # or "in turn": whole runs are left out one after the other
     holdout: list[str] = field(default_factory=list)  # files of the runs that were not fitted
     model: str | None = None  # model file that the search started from
-    recalibration: Recalibration | None = (
-        None  # set where the search looked for it: a disagreement that no effect explains to the floor
-    )
+    recalibration: Recalibration | None = None  # set where a calibration might explain the disagreement as well
     notes: list[str] = field(default_factory=list)
     checks: list[Finding] = field(default_factory=list)  # findings in the runs before any fit: run_checks.py
     forced: bool = False  # whether the search continued in spite of hard findings
@@ -131,6 +129,12 @@ class Result:
         """Return the output with the largest gap in floors, for headlines: of those claimed, else of all, or None."""
         claimed = [c for c in self.gap if c in {claim.output for claim in self.where}]
         return max(claimed or self.gap, key=lambda c: self.gap[c].before / (self.gap[c].floor or 1e-300), default=None)
+
+    @property
+    def equal_calibration(self) -> Recalibration | None:
+        """Return the re-calibration that explains as much as the named effects or alternatives, or None."""
+        named = self.verdict in (NAMED, ONE_OF)
+        return self.recalibration if named and self.recalibration and self.recalibration.equals else None
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of `report.json`, see docs/discrepancy.md."""

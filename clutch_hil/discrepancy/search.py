@@ -73,7 +73,7 @@ def investigate(
     if found.recalibration and verdict == IDENTIFY_FIRST:
         rivals = [_refuse_for(found.recalibration, rival) for rival in rivals]
     if found.recalibration:
-        notes += note_rest(found.recalibration)
+        notes += note_rest(found.recalibration, verdict in (NAMED, ONE_OF))
     progress("gap on runs that were not fitted", 0.85)
     evidence, before, after = selection.evidence, selection.fits.base, selection.final
     points = [(before.point, after.point)] * len(runs) if held else fit_without_each(evidence, before, after)
@@ -161,7 +161,7 @@ def _conclude(
         progress("a calibration beyond the stated uncertainty", 0.82)
         named = 0 if verdict == NONE_OF_THESE else len(selection.named)
         recalibration = look_for_calibration(
-            evidence, selection.fits.base.point, selection.final.point, named == 1, named > 1 or verdict == ONE_OF
+            evidence, selection.fits.base, selection.final.point, named == 1, named > 1 or verdict == ONE_OF
         )
     if evident and selection.explanation.is_negligible:
         verdict, effects, alternatives = NOTHING, [], []  # a coarse converter alone leaves as much

@@ -38,6 +38,8 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     parts = _describe_effects(result)
     if result.verdict == IDENTIFY_FIRST and result.recalibration:
         parts += _describe_recalibration(result.recalibration)
+    if result.equal_calibration:
+        parts += _describe_equal_calibration(result.equal_calibration)
     if result.verdict == NONE_OF_THESE:
         parts += _describe_surrogate(result)
     judged = [(count, list(g)) for count, g in groupby(sorted(result.rivals, key=lambda r: r.round), lambda r: r.round)]
@@ -90,6 +92,18 @@ def _describe_recalibration(recalibration: Recalibration) -> list[Html]:
         f" effect is named: after an identification of the rig, a search shows whether one is missing. Next,"
         f" {recalibration.advice}. Moved parameters:"
     )
+    return [make_element("p", text), _make_table_of_moved(recalibration)]
+
+
+def _describe_equal_calibration(recalibration: Recalibration) -> list[Html]:
+    text = (
+        "These parameters, beyond their stated uncertainties, explain the measurement as well as what is named above. The runs"
+        f" cannot tell which is right. If this rig was never identified, {recalibration.advice}."
+    )
+    return [make_element("h3", "Or another calibration"), make_element("p", text), _make_table_of_moved(recalibration)]
+
+
+def _make_table_of_moved(recalibration: Recalibration) -> Html:
     rows = [
         (m.name, make_value(m.nominal, format_number(m.nominal, 4)), make_value(m.value, format_number(m.value, 4)),
          format_unit(m.unit),
@@ -98,7 +112,7 @@ def _describe_recalibration(recalibration: Recalibration) -> list[Html]:
         for m in recalibration.moved
     ]  # fmt: skip
     header = ("parameter", "stated", "re-calibrated", "unit", "±", "times ±")
-    return [make_element("p", text), make_table(header, rows, " nn nn")]
+    return make_table(header, rows, " nn nn")
 
 
 def _describe_estimates(estimates: Sequence[Estimate], prefix: str) -> Html:

@@ -15,6 +15,13 @@ _LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment 
 def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
     """Return heading and contents of the section."""
     heading, experiment = "What to measure next", pictures.result.experiment
+    before = []
+    if pictures.result.equal_calibration:
+        before.append(
+            make_element("p", "Identify the rig first, if it never was: another calibration explains as much.")
+        )
+    if experiment is None and before:
+        return heading, before
     if experiment is None:
         text = {
             NOTHING: "Nothing: these runs leave no question open that an experiment could answer.",
@@ -23,7 +30,7 @@ def make_section(pictures: Pictures) -> tuple[str, list[Html]]:
         }.get(pictures.result.verdict, "No experiment is proposed.")
         return heading, [make_element("p", text)]
     lead = [key for key in _LEAD if isinstance(experiment.get(key), str) and experiment[key]]
-    parts = [make_element("p", _make_sentence(experiment[key])) for key in lead]
+    parts = [*before, *(make_element("p", _make_sentence(experiment[key])) for key in lead)]
     rest = {key: v for key, v in experiment.items() if key not in lead and v not in (None, {}, [], 0.0)}
     for key, part in {"": rest, **rest}.items():
         course = _read_course(part)

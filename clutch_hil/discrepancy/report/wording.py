@@ -70,7 +70,12 @@ def has_proposal(result: Result) -> bool:
 
 
 def make_verdict_sentence(result: Result) -> str:
-    """Return the verdict in one sentence, with its confidence."""
+    """Return the verdict in one sentence, with its confidence, and another one where a calibration explains as much."""
+    also = " Another calibration explains as much: see below." if result.equal_calibration else ""
+    return f"{_describe_verdict(result)}{also}"
+
+
+def _describe_verdict(result: Result) -> str:
     sure = format_confidence(result.confidence)
     column = result.main_output
     unit = result.units.get(column or "", "")

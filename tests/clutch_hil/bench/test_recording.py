@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutch_hil.bench.recording import Recording
+from clutch_hil.bench.recording import Recording, make_writable
 from clutch_hil.bench.recovery import recover_folder
 from protocols.errors import InputError
 from protocols.files.disk import Disk, be_full, have_no_fault
@@ -107,3 +107,15 @@ def test_of_a_folder_that_is_removed_the_rows_are_told_as_lost(tmp_path: Path, e
         record()
     assert "was removed" in str(sentence.value) or "No such file" in str(sentence.value)
     assert not path.parent.exists()
+
+
+def test_a_new_folder_with_the_name_of_a_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"run\.parquet would be a folder, .* give a folder, such as .*run$"):
+        make_writable(tmp_path / "run.parquet")
+    assert not (tmp_path / "run.parquet").exists()
+    assert make_writable(tmp_path / "v1.2").is_dir()  # other names may have points
+
+
+def test_a_folder_that_a_person_made_may_have_any_name(tmp_path: Path) -> None:
+    (tmp_path / "all.csv").mkdir()
+    assert make_writable(tmp_path / "all.csv").is_dir()

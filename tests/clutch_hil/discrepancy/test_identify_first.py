@@ -172,15 +172,22 @@ def test_a_model_without_an_identification_says_what_to_state() -> None:
     assert any("(1 of each is used): curve.value 0.4 1/V; gain.value 0.6; state them" in note for note in result.notes)
 
 
-def test_one_effect_that_explains_as_well_stays_named() -> None:
+def test_one_effect_that_explains_as_well_stays_named_and_a_note_has_the_calibration() -> None:
     """Parsimony: gain and curve that are both wrong by a fifth are the same data as one louder output."""
     result = investigate(Filter(), record({"gain.value": 2.4, "curve.value": 0.6}, {}))
     assert (result.verdict, result.effects) == ("named", ["louder"])
+    assert result.recalibration is not None
+    assert result.recalibration.equals
+    (note,) = [one for one in result.notes if "cannot tell which is right" in one]
+    assert "gain.value 2 -> 2.4" in note
+    assert "curve.value 0.5 -> 0." in note
 
 
 def test_an_effect_that_no_calibration_imitates_stays_named() -> None:
     result = investigate(Filter(), record({"gain.value": 2.0, "curve.value": 0.5}, {"cubic.share": 0.3}))
     assert (result.verdict, result.effects) == ("named", ["cubic"])
+    assert result.recalibration is None or not result.recalibration.equals
+    assert not any("cannot tell which is right" in note for note in result.notes)
 
 
 def test_where_nothing_disagrees_nothing_is_looked_for() -> None:
@@ -195,22 +202,33 @@ FOUND = Recalibration((MOVED,), before=10.0, after=1.0, effects=3.0, margin=0.1,
 
 def test_a_calibration_that_explains_much_but_not_all_is_noted() -> None:
     assert not FOUND.explains
-    (note,) = note_rest(FOUND)
+    (note,) = note_rest(FOUND, True)
     assert "explains 90.0% of the disagreement by itself" in note
     assert "gain.value 2 -> 2.6 (30.0 stated uncertainties)" in note
-    assert note_rest(replace(FOUND, effects=1.5)) == []
+    assert note_rest(replace(FOUND, effects=1.5), False) == []
+
+
+@pytest.mark.parametrize("after", [0.0, 0.09, 2.0, 3.0])
+def test_a_calibration_that_explains_as_much_as_what_is_named_is_noted(after: float) -> None:
+    as_much = replace(FOUND, after=after, effects=3.0 if after > 0.1 else 0.01)
+    assert as_much.equals
+    assert not as_much.explains
+    (note,) = note_rest(as_much, True)
+    assert "explains as much as what is named: gain.value 2 -> 2.6" in note
+    assert note_rest(as_much, False) == []
+    assert not replace(as_much, after=3.1).equals
 
 
 def test_a_calibration_that_leaves_a_tenth_of_what_effects_leave_comes_first() -> None:
     assert replace(FOUND, effects=10.1).explains
     assert not replace(FOUND, effects=9.9).explains
-    (note,) = note_rest(replace(FOUND, effects=10.1))
+    (note,) = note_rest(replace(FOUND, effects=10.1), True)
     assert (
         note
         == "even after re-calibration the model leaves 1 times the power of the noise floor: an effect may also be missing;"
         + (" identify, then search again")
     )
-    assert note_rest(replace(FOUND, after=0.05)) == []
+    assert note_rest(replace(FOUND, after=0.05), True) == []
 
 
 def test_effects_must_leave_more_by_a_margin() -> None:

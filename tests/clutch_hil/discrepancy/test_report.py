@@ -214,6 +214,27 @@ def test_recording_holds_every_sample(folder):
             assert np.allclose(seconds, trace.columns["time_s"], atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("verdict", "next_step"),
+    [(NAMED, "Identify the rig first, if it never was"), (ONE_OF, "clutch-hil experiment --for report.json")],
+)
+def test_a_calibration_that_explains_as_much_is_told_with_the_verdict(verdict, next_step, undrawn):
+    calibration = replace(results.make_result(IDENTIFY_FIRST, 1, 2.0).recalibration, effects=0.02)
+    result = replace(results.make_result(verdict, 1, 2.0), recalibration=calibration)
+    page = write_page(result)
+    assert make_verdict_sentence(result).endswith(" Another calibration explains as much: see below.")
+    for expected in (
+        "Or another calibration",
+        "If this rig was never identified, run: clutch-hil identify",
+        "17.02",
+        next_step,
+    ):
+        assert expected in page
+    other = replace(result, recalibration=replace(calibration, after=0.2))
+    assert "calibration" not in make_verdict_sentence(other)
+    assert "Or another calibration" not in write_page(other)
+
+
 def test_verdict_tells_sets_of_alternatives():
     result = results.make_result(ONE_OF, 1, 2.0)
     expected_text = "The model lacks one of a, b or c, but"
