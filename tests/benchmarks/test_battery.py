@@ -208,7 +208,9 @@ def test_the_page_names_candidates_that_no_case_hides(tmp_path: Path, monkeypatc
     monkeypatch.setattr(table, "CATALOGUE_LAWS", [law for law in table.CATALOGUE_LAWS if law.name != SEAL])
     answers = [make_answer("single/friction_level/2.0/0.02/s1", (SEAL,))]
     page, confusion, _ = table.write_page(answers, "development", tmp_path, "0123")
-    lacking = f"anti_alias_filter, motor_torque_sensor_offset, {SEAL}"
+    lacking = (
+        f"anti_alias_filter, motor_torque_sensor_gain, motor_torque_sensor_lag, motor_torque_sensor_offset, {SEAL}"
+    )
     assert f"the truth has no law for them: {lacking}.\n" in page.read_text(encoding="utf-8")
     assert confusion.stat().st_size > 5000
 

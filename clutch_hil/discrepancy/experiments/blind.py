@@ -22,7 +22,9 @@ _SPREAD = 0.8, 1.6  # range of the strengths as multiples of the typical ones
 _RAISE = 1.5
 _MOST = 12  # largest number of increases: a factor of 130 in total; an effect still not visible is unsuitable for an exercise
 # Candidates since 2026-11-30: with them, a seed would draw another plant than before
-_NOT_DRAWN = ("anti_alias_filter", "motor_torque_sensor_offset")
+_NOT_DRAWN = (
+    "anti_alias_filter", "motor_torque_sensor_gain", "motor_torque_sensor_lag", "motor_torque_sensor_offset",
+)  # fmt: skip
 _KEPT = "friction_level.drift"  # stays off: a drift and a wrong level count as two effects, one is drawn
 
 

@@ -1,6 +1,7 @@
 """Recordings whose channels were filtered, as by every data acquisition with an anti-alias filter."""
 
 from dataclasses import replace
+from math import exp
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from protocols.files.run import Run
 
 PROFILES = ("engagement", "multisine", "stribeck_staircase")
 ANALOG = ("cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm")
-SLIP = "slip_speed_rad_s"
+SLIP, MOTOR = "slip_speed_rad_s", "motor_torque_nm"
+LAG, TIME_STEP = 5e-3, 1e-3  # s
 NOISE = 0.01  # rad/s
 CORNER = 100.0  # Hz
 CLOSE = 0.1  # of the corner: 6 % measured, as the noise of the converters is filtered here, too
@@ -41,6 +43,27 @@ def test_filtered_channels_are_named_as_such(runs: list[Run], columns: tuple[str
     assert (result.verdict, result.effects) == ("named", ["anti_alias_filter"])
     values = {one.name: one.value for one in result.parameters}
     assert values["anti_alias_filter.corner"] == pytest.approx(CORNER, rel=CLOSE)
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.05])
+def test_the_gain_of_the_motors_torque_is_named(runs: list[Run], gain: float) -> None:
+    """Without this effect, the gain of the other torque sensor and an asymmetry of the friction were named together."""
+    scaled = [replace(run, columns={**run.columns, MOTOR: gain * run[MOTOR]}) for run in runs]
+    result = ch.find_discrepancy(scaled).result
+    assert (result.verdict, result.effects) == ("named", ["motor_torque_sensor_gain"])
+    (value,) = (one.value for one in result.parameters)
+    assert value == pytest.approx(gain, abs=0.005)
+
+
+def test_a_filter_of_the_motors_torque_alone_is_named(runs: list[Run]) -> None:
+    """Without this effect, no candidate explained it. The filter is that of a drive, behind its converters."""
+    keep = exp(-TIME_STEP / LAG)
+    filtered = [lfilter([1.0 - keep], [1.0, -keep], run[MOTOR], zi=[keep * run[MOTOR][0]])[0] for run in runs]
+    pairs = zip(runs, filtered, strict=True)
+    result = ch.find_discrepancy([replace(run, columns={**run.columns, MOTOR: y}) for run, y in pairs]).result
+    assert (result.verdict, result.effects) == ("named", ["motor_torque_sensor_lag"])
+    (value,) = (one.value for one in result.parameters)
+    assert value == pytest.approx(1e3 * (LAG - 0.5 * TIME_STEP), rel=0.1)  # a filter of samples is half a sample faster
 
 
 def test_the_zero_of_the_motors_torque_is_named() -> None:

@@ -42,7 +42,7 @@ def compute_amplitude(time: np.ndarray, values: np.ndarray, hertz: float) -> com
 
 # --- gains and offsets ------------------------------------------------------------------------------------------------
 
-GAINS = {"pressure_sensor_gain": PRESSURE, "torque_sensor_gain": CLUTCH}
+GAINS = {"pressure_sensor_gain": PRESSURE, "torque_sensor_gain": CLUTCH, "motor_torque_sensor_gain": MOTOR}
 OFFSETS = {
     "pressure_sensor_offset": (PRESSURE, BAR),
     "torque_sensor_offset": (CLUTCH, 1.0),
@@ -247,6 +247,27 @@ def test_the_probe_trails_a_ramp_by_its_time_constant() -> None:
 def test_the_probe_begins_at_the_oils_temperature() -> None:
     _, shown = simulate_sensor({"temperature_sensor_lag.time": 60.0}, make_constant(343.15), 0.1)
     assert np.all(shown[:, TEMPERATURE] == 343.15)
+
+
+# --- lag of the motor's torque ----------------------------------------------------------------------------------------
+
+MOTOR_LAG = {"motor_torque_sensor_lag.time": 5.0}  # ms
+
+
+@pytest.mark.parametrize("hertz", [5.0, 50.0, 200.0])
+def test_the_motors_torque_lags_as_a_low_pass_of_first_order(hertz: float) -> None:
+    time, shown = simulate_sensor(MOTOR_LAG, make_sine(hertz), 0.5, COARSE)
+    expected = 1.0 / (1.0 + 2j * pi * hertz * 5e-3)
+    # held over a step, and a mean of two values, see below; a mean over a step of the decay adds (h/time)^2/12
+    allowed = 2 * ((pi * hertz * COARSE) ** 2 * (1 / 6 + 1 / 2) + (COARSE / 5e-3) ** 2 / 12)
+    assert abs(compute_amplitude(time, shown[:, MOTOR], hertz) / expected - 1) < allowed
+    for column in (PRESSURE, TEMPERATURE, CLUTCH):
+        assert np.array_equal(shown[:, column], make_sine(hertz)(time))
+
+
+def test_the_lag_has_settled_when_it_is_switched_on() -> None:
+    _, shown = simulate_sensor(MOTOR_LAG, make_constant(30.0), 0.05)
+    assert shown[:, MOTOR] == pytest.approx(30.0, rel=EXACT)
 
 
 # --- anti-alias filter ------------------------------------------------------------------------------------------------
