@@ -18,6 +18,7 @@ from clutch_hil.recordings.checks.inputs import find_late_inputs, find_still_inp
 from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
 from clutch_hil.recordings.checks.repeated import find_repeated
 from clutch_hil.recordings.checks.resampled import find_resampled
+from clutch_hil.recordings.checks.speed_and_angle import find_scaled_speed
 from clutch_hil.recordings.checks.timing import LEAST_TOTAL, find_drift, find_late, find_short, sum_seconds
 from clutch_hil.recordings.checks.values import (
     find_dead,
@@ -33,7 +34,7 @@ from clutch_hil.recordings.checks.values import (
 CHECKS: tuple[Callable[[Recorded], list[Finding]], ...] = (
     find_short, find_dead, find_wrapped, find_out_of_range, find_reversed, find_placeholders, find_saturated, find_frozen,
     find_drift, find_late, find_late_inputs, find_still_inputs, find_still_prediction, find_scaled, find_unrelated, find_offset,
-    find_zero_of_inputs, find_outliers, find_resampled, find_far,
+    find_zero_of_inputs, find_outliers, find_resampled, find_scaled_speed, find_far,
 )  # fmt: skip
 _DECIDES = ("saturated", "placeholder")
 _MOVES_AT_ALL = 0.5  # floors that an output moves by beside its noise, root mean square: chance gives a tenth

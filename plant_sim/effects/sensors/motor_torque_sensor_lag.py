@@ -16,15 +16,14 @@ from plant_sim.effects.signals import SENSORS
 
 def follow(s, c, p, x, h):
     """Let the shown torque follow the motor's."""
-    before = x.shown
+    torque = s.sensed_motor_torque
     if h > 0.0:
         if x.begun == 0.0:
-            x.begun, before = 1.0, s.sensed_motor_torque
-        x.shown = s.sensed_motor_torque + (before - s.sensed_motor_torque) * exp(-h / p.time)
-    if x.begun > 0.0:
-        s.sensed_motor_torque = 0.5 * (
-            before + x.shown
-        )  # at mid-step, as it came in; at a sample (h = 0) both are equal
+            x.begun, x.shown = 1.0, torque
+        s.sensed_motor_torque = torque + (x.shown - torque) * exp(-0.5 * h / p.time)  # torques are those of mid-step
+        x.shown = torque + (x.shown - torque) * exp(-h / p.time)
+    elif x.begun > 0.0 and p.time > 0.0:
+        s.sensed_motor_torque = x.shown
 
 
 EFFECT = Effect(

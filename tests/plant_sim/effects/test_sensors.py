@@ -258,8 +258,7 @@ MOTOR_LAG = {"motor_torque_sensor_lag.time": 5.0}  # ms
 def test_the_motors_torque_lags_as_a_low_pass_of_first_order(hertz: float) -> None:
     time, shown = simulate_sensor(MOTOR_LAG, make_sine(hertz), 0.5, COARSE)
     expected = 1.0 / (1.0 + 2j * pi * hertz * 5e-3)
-    # held over a step, and a mean of two values, see below; a mean over a step of the decay adds (h/time)^2/12
-    allowed = 2 * ((pi * hertz * COARSE) ** 2 * (1 / 6 + 1 / 2) + (COARSE / 5e-3) ** 2 / 12)
+    allowed = 2 * ((pi * hertz * COARSE) ** 2 / 6 + (COARSE / 5e-3) ** 2 / 12)  # input and decay are held over a step
     assert abs(compute_amplitude(time, shown[:, MOTOR], hertz) / expected - 1) < allowed
     for column in (PRESSURE, TEMPERATURE, CLUTCH):
         assert np.array_equal(shown[:, column], make_sine(hertz)(time))
