@@ -22,7 +22,8 @@ class Channel:
     written in the file, "" for none. raster: name of the set of channels with the same rows. rows: number of samples. rate_hz
     [Hz]: mean rate; start_s, end_s [s]: times of the first and last sample; NaN: not known. kind: "number"; "status" for
     numbers with names (gear, phase, flag); "time" for a time axis, whose values are in seconds; "text", which cannot become a
-    column. scaling: factors and offsets stated in the file and not yet applied, as a text.
+    column. scaling: factors and offsets stated in the file and not yet applied, as a text. states: numbers of its words by an
+    import map, which a reader that uses them removes.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Channel:
     kind: str = "number"
     comment: str = ""
     scaling: str = ""
+    states: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from protocols.files.units import contradict, from_si, have_same_quantity, to_si
 
 _KEYS = (
     "from", "number", "unit", "unit_from", "scale", "scale_by", "offset", "hold", "wraps_at", "missing", "rate_hz", "constant",
-    "formula",
+    "formula", "states",
 )  # fmt: skip
 _MOST_HZ = 1e9  # Hz, largest rate of rows: more than any recorder of a rig
 _LARGEST = 1e100  # of a number in a map: results computed from it stay finite
@@ -48,8 +48,9 @@ class ForeignColumn:
     a unit in the file takes precedence over `unit`. scale: factor. scale_by: name of a number in the file, a further factor; ""
     for none. offset: added after the factors; None where the map has none. hold: whether the value is held between samples;
     None: decided by content. wraps_at: range after which the values start again at 0, in the file's unit; 0 for never. missing:
-    numbers that mark a missing value. Not read from the file are: a time that counts rows at `rate_hz`, 0 for
-    none; a `constant` in the unit of the run's column, NaN for none; a `formula` of other columns.
+    numbers that mark a missing value. states: words of the file with the numbers that they stand for. Not read from the file
+    are: a time that counts rows at `rate_hz`, 0 for none; a `constant` in the unit of the run's column, NaN for none; a
+    `formula` of other columns.
     """
 
     column: str | int
@@ -61,6 +62,7 @@ class ForeignColumn:
     hold: bool | None = None
     wraps_at: float = 0.0
     missing: tuple[float, ...] = ()
+    states: tuple[tuple[str, float], ...] = ()
     rate_hz: float = 0.0
     constant: float = nan
     formula: ColumnFormula | None = None
@@ -126,7 +128,20 @@ def read_column(column: str, columns: TomlTable) -> ForeignColumn:
         entry.get("hold", bool, None),
         wraps_at,
         entry.get_numbers("missing"),
+        _read_states(column, entry),
     )
+
+
+def _read_states(column: str, entry: TomlTable) -> tuple[tuple[str, float], ...]:
+    """Read the numbers that words of the file stand for. Words are compared without regard to case."""
+    table = entry.read_subtable("states")
+    states = {word: table.get(word, float) for word in table}
+    lower = [word.strip().lower() for word in states]
+    if column == "time_s" and states:
+        raise InputError("time_s has states; they are allowed only for other columns")
+    if twice := next((word for word in lower if lower.count(word) > 1), ""):
+        raise InputError(f"{column}.states has {twice!r} more than once; words are compared without regard to case")
+    return tuple(states.items())
 
 
 def _check_source(column: str, source: str) -> None:
@@ -177,10 +192,16 @@ def convert_signal(reading: Reading, name: str, signal: Signal, notes: list[str]
     path, source, channel = reading.path, reading.sources[name], signal.channel
     if channel.kind == "text":
         cells = f", {channel.comment}" if channel.comment.startswith("such as") else ""
-        remedy = "; set time_format in [file] where these are times" if name == "time_s" and cells else ""
+        remedy = "; set time_format in [file] where these are times" if cells else ""
+        if name != "time_s":
+            remedy = "; set states = { WORD = NUMBER, ... } for it in the map where its words stand for numbers"
         raise InputError(
             f"recording {path}: column {channel.name!r} for {name} holds text{cells}; allowed are numbers{remedy}"
         )
+    if channel.states:
+        raise InputError(f"recording {path}: column {channel.name!r} for {name} holds no words; states are for words")
+    if source.states:
+        notes.append(f"{channel.name}: by the map {', '.join(f'{word} is {one:g}' for word, one in source.states)}")
     unit = choose_unit(path, name, source, channel, notes)
     if (source.scale, source.scale_by, source.offset) == (1.0, "", None):
         beside = describe_scaling_beside(channel.name, reading.recording.numbers)

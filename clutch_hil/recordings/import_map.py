@@ -17,6 +17,7 @@
     friction_force_n = { number = 4, unit = "uN", scale = -1.0 }     # the fourth column of the file, times a number
     pressure_bar = { from = "p", unit = "bar", scale = 2.5, offset = -1.25 }  # 0.5 to 4.5 V are 0 to 10 bar; offset in `unit`
     gear_1 = { from = "gear", unit = "1", hold = true }              # holds its last value between samples
+    brake_1 = { from = "brake", states = { open = 0, closed = 1 } }  # words of the file, and the numbers that they stand for
     shaft_angle_rad = { from = "angle", unit = "deg", wraps_at = 360.0 }  # starts again at 0 after this range
     time_s = { rate_hz = 1000.0 }                                    # row number over the rate, where the file has no time
     oil_temperature_degc = { constant = 60.0 }                       # not in the file; in the unit of the run
@@ -108,7 +109,9 @@ class ImportMap:
             name: _choose_channel(path, recording, one.column) for name, one in self.columns.items() if one.is_read
         }
         beside = find_times_beside(recording.channels, sources)
-        read = recording.read([*sources.values(), *beside.values()])
+        wanted = [replace(channel, states=self.columns[name].states) for name, channel in sources.items()]
+        _check_states(path, wanted)
+        read = recording.read([*wanted, *beside.values()])
         signals = dict(zip(sources, read[: len(sources)], strict=True))
         times = dict(zip(beside, read[len(sources) :], strict=True))
         notes = list(recording.notes)
@@ -175,6 +178,16 @@ class ImportMap:
     def _keep(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         kept = (columns["time_s"] >= self.from_s) & (columns["time_s"] <= self.to_s)
         return {name: values[kept] for name, values in columns.items()}
+
+
+def _check_states(path: Path, channels: Sequence[Channel]) -> None:
+    """Raise InputError where two columns of a map read one channel, and with other numbers for its words."""
+    by_number: dict[int, Channel] = {}
+    for channel in channels:
+        if by_number.setdefault(channel.number, channel) != channel:
+            raise InputError(
+                f"recording {path}: {channel.path!r} is read twice with different states; give them once, or equal"
+            )
 
 
 def _check_complete(path: Path, run: Mapping[str, np.ndarray]) -> None:

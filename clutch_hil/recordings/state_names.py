@@ -2,8 +2,11 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+
+from clutch_hil.recordings.channel import Channel
 
 _MOST_TOLD = 5  # largest number of names in a note
 _LONGEST = 6  # largest number of digits in a name
@@ -27,6 +30,11 @@ def value_states(names: Sequence[str | None]) -> np.ndarray | None:
     if not given or not (numbers or all(cells.is_flag(name) or name in _FLAG_NUMBERS for name in given)):
         return None
     return cells.parse_flags(from_texts([name or "" for name in names])).values
+
+
+def name_states(channel: Channel) -> Channel:
+    """Return a channel whose words a reader has replaced by the numbers that an import map gives them."""
+    return replace(channel, kind="status", unit="", states=())
 
 
 def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarray, str] | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from clutch_hil.recordings.channel import Channel, Signal
+from clutch_hil.recordings.state_names import name_states
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
 from clutch_hil.recordings.text.column import DecimalDoubt
@@ -23,6 +24,14 @@ def convert_texts(path: Path, channel: Channel, texts: Sequence[str | None], not
     notes: a sentence on what the text is is appended.
     """
     column = from_texts(["" if text is None else text.strip() for text in texts])
+    if channel.states:
+        parsed = Cells(states=channel.states).parse_flags(column)
+        if parsed.row >= 0:
+            raise InputError(
+                f"recording {path}: {channel.path!r} holds text, {show(parsed.word)} in row {parsed.row}, which is no number;"
+                " give its number in `states` of the map"
+            )
+        return Signal(name_states(channel), parsed.values)
     samples = [*column[:_JUDGED].to_pylist(), *column[_JUDGED:][-_JUDGED:].to_pylist()]
     kind = judge_columns([[text] for text in samples], 1, Cells(), None)[0]
     cells = kind.choose_cells(Cells())
@@ -37,7 +46,8 @@ def convert_texts(path: Path, channel: Channel, texts: Sequence[str | None], not
     if kind.kind == "text" or kind.unit or not len(column):
         raise InputError(
             f"recording {path}: {channel.path!r} holds text{f', such as {show(samples[first])}' if samples else ''};"
-            " allowed are columns of numbers, also of numbers, times or on and off as text"
+            " allowed are columns of numbers, also of numbers, times or on and off as text; set `states` in the map where its"
+            " words stand for numbers"
         )
     if kind.time and kind.time.doubt:
         raise InputError(

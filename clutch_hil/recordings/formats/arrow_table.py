@@ -77,7 +77,8 @@ class ArrowRecording:
         whole: dict[int, np.ndarray | None] = {}
         with reading(self._path):
             for channel, column in zip(wanted, columns, strict=True):
-                if channel.kind == "text":
+                if channel.kind == "text" or (channel.states and channel.kind == "status" and _has_words(column)):
+                    column = pc.cast(column, pa.string())
                     texts[channel.number] = convert_texts(self._path, channel, column.to_pylist(), self.notes)
                 else:
                     values[channel.number] = self._read_values(channel, column)
@@ -92,7 +93,8 @@ class ArrowRecording:
 
     def _check_long(self, asked: Sequence[Channel]) -> None:
         """Raise InputError where each row has the value of another signal, by a column of words that is not asked for."""
-        for channel in (channel for channel in self.channels if channel not in asked):
+        numbers = {channel.number for channel in asked}
+        for channel in (channel for channel in self.channels if channel.number not in numbers):
             kind = self._find_type(channel)
             words_only = channel.kind == "text" or (pa.types.is_dictionary(kind) and channel.kind == "status")
             if words_only and can_name_signals(channel, self.channels):
@@ -241,6 +243,10 @@ def _find_kind(name: str, kind: pa.DataType) -> str:
     if _is_number(kind):
         return "time" if name == _TIME else "number"
     return "number" if pa.types.is_duration(kind) else "text" if _is_text(kind) else ""
+
+
+def _has_words(column: pa.ChunkedArray) -> bool:
+    return pa.types.is_dictionary(column.type) and _is_text(column.type.value_type)
 
 
 def _is_number(kind: pa.DataType) -> bool:

@@ -30,6 +30,7 @@ import pyarrow as pa
 from clutch_hil.recordings.channel import NO_VALUES, Channel, Recording, Signal, simplify_unit
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
+from clutch_hil.recordings.state_names import name_states
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
@@ -98,11 +99,13 @@ class TextRecording:
         wanted = sorted({*asked, *([date] if date else [])})
         self._check_beside(sorted(asked))
         self._check_long(asked)
-        for number in sorted(asked):
+        for number in sorted(asked - {channel.number for channel in channels if channel.states}):
             self._check_doubt(number)
         check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
+        named = {channel.number: channel for channel in channels if channel.states}
         columns = {
-            number: ColumnReader(self._file.path, self._make_channel(number), self._layout) for number in sorted(asked)
+            number: ColumnReader(self._file.path, named.get(number) or self._make_channel(number), self._layout)
+            for number in sorted(asked)
         }
         values = {number: np.empty(max(self._layout.last - self._layout.first + 1, 0)) for number in columns}
         calendar = self._find_clock(date) if date else None
@@ -133,6 +136,8 @@ class TextRecording:
         signals = []
         for channel in channels:
             own = values[channel.number][:count]
+            if channel.states:
+                channel = name_states(channel)
             if axis := axes.get(channel.number):
                 time = axis.factor * values[axis.number][:count]
                 end = int(np.max(np.flatnonzero(np.isfinite(time)), initial=-1)) + 1  # a shorter table ends before

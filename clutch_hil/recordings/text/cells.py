@@ -22,12 +22,11 @@ _MISSING = (
 # What C of Microsoft writes where there is no number, with the places that were asked for: 1.#QNAN0, -1.#IND00, 1.#J
 _OF_MICROSOFT = r"[+-]?1[.,]#[a-z]+0*"
 _FLAGS = {
-    **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero"), 1.0),
+    **dict.fromkeys(("true", "yes", "on", "wahr", "ja", "ein", "vrai", "oui", "verdadero", "vero", "sí", "sì"), 1.0),
     **dict.fromkeys(("false", "no", "off", "falsch", "nein", "aus", "faux", "non", "falso"), 0.0),
 }
-# The same in one letter, which may mean anything else where its opposite does not occur
-_INITIALS = {"y": 1.0, "j": 1.0, "t": 1.0, "n": 0.0, "f": 0.0}
-_PAIRS_OF_INITIALS = ({"y", "n"}, {"j", "n"}, {"t", "f"})
+# The same in one letter, which may mean anything else where its opposite does not occur: yes, ja, oui, sí; true, wahr, vero
+_PAIRS_OF_INITIALS = [("y", "n"), ("j", "n"), ("o", "n"), ("s", "n"), ("t", "f"), ("w", "f"), ("v", "f")]
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{1,16}")  # of 64 bits
 _UNIT = r"[^\W\d_%°][\w%/·*.^-]{0,11}|[%°][A-Za-z]{0,2}"  # behind a number
 _LONGEST_WITH_UNIT = 40  # characters of a number with its unit
@@ -59,12 +58,13 @@ class Parsed:
 class Cells:
     """How cells are written. decimal: mark of the fraction. thousands: mark between thousands, "" for none.
 
-    missing: further words that count as missing, in lower case.
+    missing: further words that count as missing, in lower case. states: words of a column with their numbers.
     """
 
     decimal: str = "."
     thousands: str = ""
     missing: tuple[str, ...] = ()
+    states: tuple[tuple[str, float], ...] = ()
 
     def is_missing(self, cell: str) -> bool:
         low = cell.strip().lower()
@@ -103,13 +103,9 @@ class Cells:
     def is_flag(self, cell: str) -> bool:
         return cell.lower() in _FLAGS
 
-    def is_initial(self, cell: str) -> bool:
-        """Whether the cell is a flag in one letter, in a column of these."""
-        return cell.lower() in _INITIALS
-
-    def are_initials(self, cells: Sequence[str]) -> bool:
-        """Whether the cells are both flags of a pair, such as Y and N, and nothing else."""
-        return bool(cells) and self.is_initial(cells[0]) and {cell.lower() for cell in cells} in _PAIRS_OF_INITIALS
+    def is_state(self, cell: str) -> bool:
+        """Whether the cell is one of the `states`."""
+        return cell.lower() in [word for word, _ in self.states]
 
     def read_number(self, cell: str) -> float:
         """The number in a cell, not-a-number where it holds none."""
@@ -154,12 +150,12 @@ class Cells:
         return Parsed(parsed.values, parsed.missing, row, column[row].as_py() if row >= 0 else "")
 
     def parse_flags(self, column: pa.Array) -> Parsed:
-        """The values of a column of true and false, 1 and 0."""
-        text = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-        flags = _FLAGS | _INITIALS
+        """The values of a column of the `states`, or else of true and false, 1 and 0."""
+        text = pc.utf8_trim_whitespace(column)
+        flags = {word.strip().lower(): value for word, value in self.states} or _FLAGS
         names = from_texts(list(flags))
-        numbers = from_texts([f"{value:.0f}" for value in flags.values()])
-        return self.parse(pc.coalesce(pc.take(numbers, pc.index_in(text, names)), text))
+        numbers = from_texts([repr(value).replace(".", self.decimal) for value in flags.values()])
+        return self.parse(pc.coalesce(pc.take(numbers, pc.index_in(pc.utf8_lower(text), names)), text))
 
     def _simplify_marks(self, text: pa.Array) -> pa.Array:
         """Cells without marks between thousands, and with a point as decimal mark."""
@@ -197,6 +193,14 @@ class Cells:
     @cached_property
     def _grouped(self) -> re.Pattern[str] | None:
         return re.compile(_make_grouped_pattern(self.decimal, self.thousands)) if self.thousands else None
+
+
+def find_initials(cells: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """The states of a column of both flags of a pair of letters, such as Y and N, and nothing else; none for another one."""
+    if not cells or len(cells[0]) > 1:
+        return ()
+    found = {cell.lower() for cell in cells}
+    return next((((one, 1.0), (other, 0.0)) for one, other in _PAIRS_OF_INITIALS if found == {one, other}), ())
 
 
 def _make_number_pattern(decimal: str) -> str:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from math import nan
 from pathlib import Path
 from typing import NoReturn
@@ -26,12 +27,14 @@ class ColumnReader:
         self._path, self._channel = path, channel
         self._column = layout.columns[channel.number - 1]
         self._cells = self._column.choose_cells(layout.cells)
+        if channel.states:
+            self._cells = replace(self._cells, states=channel.states)
         written = self._column.time
-        self._clock = Clock(written) if written else None
+        self._clock = Clock(written) if written and not channel.states else None
         self._missing, self._accounted = 0, False
         first = self._cells.read_number(layout.samples[0][channel.number - 1]) if channel.kind == "number" else nan
         self._whole: list[np.ndarray] | None = [] if first > EXACT else None
-        plain = channel.kind == "number" and not self._column.hexadecimal
+        plain = channel.kind == "number" and not (self._column.hexadecimal or channel.states)
         self._decimal = (
             DecimalDoubt(self._cells.decimal) if layout.unsure and plain and not self._column.decimal else None
         )
@@ -53,7 +56,7 @@ class ColumnReader:
 
     def read(self, column: pa.Array, lines: Callable[[int], int]) -> np.ndarray:
         """Values (n,) of the cells. lines: gives the line of a row. Raises InputError for a word."""
-        if self._channel.kind == "text":
+        if self._channel.kind == "text" and not self._channel.states:
             return np.full(len(column), np.nan)
         if self._clock:
             missing = self._cells.find_missing(column)
@@ -69,7 +72,7 @@ class ColumnReader:
             self._decimal.look(column)
         if self._groups:
             self._groups.look(column)
-        if self._column.unit:
+        if self._column.unit and not self._channel.states:
             column = pc.replace_substring_regex(column, rf"\s*{re.escape(self._column.unit)}\s*$", "")
         if self._exponent:
             self._exponent.look(column, lines)
@@ -86,7 +89,7 @@ class ColumnReader:
         return parsed.values
 
     def _parse(self, column: pa.Array) -> Parsed:
-        if self._channel.kind == "status":
+        if self._channel.kind == "status" or self._channel.states:
             return self._cells.parse_flags(column)
         return self._cells.parse_hexadecimal(column) if self._column.hexadecimal else self._cells.parse(column)
 
@@ -101,6 +104,8 @@ class ColumnReader:
         )
 
     def _suggest(self, word: str) -> str:
+        if self._channel.states:
+            return "give its number in `states` of the map"
         for mark in (",", ".", "'", " ", "\u00a0"):
             if (
                 mark in word

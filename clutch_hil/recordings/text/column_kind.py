@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from clutch_hil.recordings.text.cells import Cells
+from clutch_hil.recordings.text.cells import Cells, find_initials
 from clutch_hil.recordings.text.clock import TimeFormat, find_time_format
 from clutch_hil.recordings.text.marks import tells_decimal
 from clutch_hil.recordings.unit_in_name import is_unit
@@ -18,7 +18,7 @@ class Column:
     """kind: as of a Channel. time: how a column of kind "time" is written. unit: behind each number, as in `12.5 Nm`.
 
     hexadecimal: whether its whole numbers are written so; of a column of text, whether they may be. decimal: its decimal mark,
-    where it is not that of the file, else "".
+    where it is not that of the file, else "". states: its letters, such as Y and N, with their numbers.
     """
 
     kind: str
@@ -26,10 +26,12 @@ class Column:
     unit: str = ""
     hexadecimal: bool = False
     decimal: str = ""
+    states: tuple[tuple[str, float], ...] = ()
 
     def choose_cells(self, cells: Cells) -> Cells:
         """How the cells of this column are written, where those of the file are `cells`."""
-        return replace(cells, decimal=self.decimal, thousands="") if self.decimal else cells
+        own = replace(cells, decimal=self.decimal, thousands="") if self.decimal else cells
+        return replace(own, states=self.states) if self.states else own
 
 
 def judge_columns(rows: Sequence[Sequence[str]], width: int, cells: Cells, wanted: TimeFormat | None) -> list[Column]:
@@ -59,8 +61,8 @@ def _judge(present: Sequence[str], rows: int, cells: Cells) -> Column:
         return Column("text", hexadecimal=True)
     if numbers < len(present) and all(cells.is_flag(value) or value in ("0", "1") for value in present):
         return Column("status")
-    if cells.are_initials(present):
-        return Column("status")
+    if states := find_initials(present):
+        return Column("status", states=states)
     if 2 * numbers >= len(present) and (numbers == len(present) or 2 * len(present) > rows):
         return Column("number")
     if unit := _find_unit(present, cells):
@@ -131,7 +133,7 @@ def _fits(cell: str, column: Column, cells: Cells) -> bool:
     if column.unit:
         return cells.split_unit(cell)[1] == column.unit
     return column.choose_cells(cells).is_number(cell) or (
-        column.kind == "status" and (cells.is_flag(cell) or cells.is_initial(cell))
+        column.kind == "status" and (cells.is_flag(cell) or column.choose_cells(cells).is_state(cell))
     )
 
 

@@ -157,7 +157,7 @@ def test_digits_from_0_to_f_are_asked_about(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run["status_1"], np.arange(len(TIME)) % 16)
 
 
-@pytest.mark.parametrize(("one", "zero"), [("Y", "N"), ("J", "N"), ("t", "f")])
+@pytest.mark.parametrize(("one", "zero"), [("Y", "N"), ("J", "N"), ("t", "f"), ("O", "N"), ("s", "n"), ("V", "F")])
 def test_a_column_of_both_initials_is_a_flag(tmp_path: Path, one: str, zero: str) -> None:
     flags = np.arange(60) // 20 % 2
     run = read(tmp_path, make_status([one if flag else zero for flag in flags]), columns=STATUS)
@@ -169,4 +169,43 @@ def test_a_letter_without_its_opposite_is_no_flag(tmp_path: Path, letters: str) 
     content = make_status([letters[row // 20 % len(letters)] for row in range(60)])
     assert f"'status' for status_1 holds text, such as {letters[0]!r}" in find_refusal(
         tmp_path, content, columns=STATUS
+    )
+
+
+STATES = STATUS.replace('from = "status"', 'from = "status", states = { N = 0, y = 1, "half open" = 0.5 }')
+
+
+@pytest.mark.parametrize("words", [["N"], ["Y", "N"], ["n", "Half Open"], ["2", "N"], ["N", "1", "3"]])
+def test_words_are_the_numbers_that_the_map_gives_them(tmp_path: Path, words: list[str]) -> None:
+    numbers = {"n": 0.0, "y": 1.0, "half open": 0.5}
+    cells = [words[row // 20 % len(words)] for row in range(len(TIME))]
+    run = read(tmp_path, make_status(cells), columns=STATES)
+    np.testing.assert_array_equal(
+        run["status_1"], [numbers.get(cell.lower()) or float(cell.isdigit() and cell) for cell in cells]
+    )
+
+
+def test_a_word_without_a_number_in_the_map_is_told(tmp_path: Path) -> None:
+    cells = ["Shut" if row == 7 else "Y" for row in range(len(TIME))]
+    told = find_refusal(tmp_path, make_status(cells), columns=STATES)
+    assert "holds 'Shut' in line 9, which is no number; give its number in `states`" in told
+
+
+@pytest.mark.parametrize(
+    ("states", "told"),
+    [
+        ("{ N = 0, n = 1 }", "has 'n' more than once"),
+        ("{ N = 'off' }", "status_1.states.N is 'off'; allowed is a number"),
+        ("1", "status_1.states is 1; allowed is a table"),
+    ],
+)
+def test_states_that_are_no_numbers_of_words_are_told(tmp_path: Path, states: str, told: str) -> None:
+    columns = STATUS.replace('from = "status"', f'from = "status", states = {states}')
+    assert told in find_refusal(tmp_path, make_status(["N"] * len(TIME)), columns=columns)
+
+
+def test_a_column_is_not_read_with_two_meanings_of_its_words(tmp_path: Path) -> None:
+    columns = STATES + 'other_1 = { from = "status", states = { N = 5 } }\n'
+    assert "is read twice with different states" in find_refusal(
+        tmp_path, make_status(["N"] * len(TIME)), columns=columns
     )

@@ -103,3 +103,32 @@ def test_words_and_doubts_are_refused(tmp_path: Path, write: Writer, texts: Sequ
     path = tmp_path / "recording"
     write(path, {"time": TIME.tolist(), "torque": texts})
     assert message in find_refusal(tmp_path, path, MAP)
+
+
+WORDS = FLAG.replace('from = "brake"', 'from = "brake", states = { open = 0, shut = 1 }')
+
+
+@each_format
+def test_words_are_the_numbers_that_the_map_gives_them(tmp_path: Path, write: Writer) -> None:
+    words = ["open" if row < 30 else "Shut" for row in range(len(TIME))]
+    write(tmp_path / "a.rec", {"time": TIME, "torque": TORQUE, "brake": words})
+    run = import_by(tmp_path, tmp_path / "a.rec", WORDS)
+    np.testing.assert_array_equal(run["brake_1"], np.arange(len(TIME)) >= 30)
+    assert "brake: by the map open is 0, shut is 1" in str(run.metadata["import"])
+    write(tmp_path / "b.rec", {"time": TIME, "torque": TORQUE, "brake": [*words[:-1], "stuck"]})
+    assert "'stuck' in row 59, which is no number; give its number in `states`" in find_refusal(
+        tmp_path, tmp_path / "b.rec", WORDS
+    )
+
+
+@each_format
+def test_states_for_numbers_are_told(tmp_path: Path, write: Writer) -> None:
+    write(tmp_path / "a.rec", {"time": TIME, "torque": TORQUE, "brake": np.ones(len(TIME))})
+    assert "'brake' for brake_1 holds no words" in find_refusal(tmp_path, tmp_path / "a.rec", WORDS)
+
+
+def test_categories_are_the_numbers_that_the_map_gives_them(tmp_path: Path) -> None:
+    words = pa.array(["shut" if row < 30 else "open" for row in range(len(TIME))]).dictionary_encode()
+    pq.write_table(pa.table({"time": TIME, "torque": TORQUE, "brake": words}), tmp_path / "a.parquet")
+    run = import_by(tmp_path, tmp_path / "a.parquet", WORDS)
+    np.testing.assert_array_equal(run["brake_1"], np.arange(len(TIME)) < 30)
