@@ -350,6 +350,7 @@ def is_held(source: ForeignColumn, signal: Signal, name: str) -> bool:
     if signal.channel.kind == "status":
         return True
     values = signal.values[np.isfinite(signal.values)]
-    if find_unit(name) != "1" or simplify_unit(signal.channel.unit) not in ("", "1") or not len(values):
+    unit = simplify_unit(signal.channel.unit) if source.trust_file else source.unit
+    if find_unit(name) != "1" or unit not in ("", "1") or not len(values):
         return False
     return bool(np.all(values == np.rint(values))) and len(np.unique(values)) <= _FEW_STATES

@@ -1,4 +1,4 @@
-"""Names of states that are values, such as `3` for a gear and `on` for a brake."""
+"""Names of states: those that are values, such as `3` for a gear and `on` for a brake, or say that there is no value."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,15 @@ from clutch_hil.recordings.channel import Channel
 _MOST_TOLD = 5  # largest number of names in a note
 _LONGEST = 6  # largest number of digits in a name
 _FLAG_NUMBERS = ("0", "1")
+_WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[^\W\d_])(?=\d)|[\W_]+")  # where a name is split into words
+_NO_VALUE = re.compile(
+    r"\b(sna|snv|na|n a|not ?avail\w*|nicht verf\w*|unavail\w*|no (value|signal|data)|missing|unknown|timeout"
+    r"|invalid\w*|not valid|ung(ü|ue)ltig\w*|implausible|err|errors?|fehler\w*|faults?|faulty|fail|failed|failure|defect\w*"
+    r"|init|(un)?initiali[sz]\w*|undef\w*|not defined|reserved?|rsvd|not used|unused)\b"
+)
+_SOUND = re.compile(
+    r"\b(no|not|without|kein|keine|ohne) (err|errors?|fehler|faults?|faulty|fail|failed|failure|defect)\b|\bfree\b"
+)
 
 
 def value_states(names: Sequence[str | None]) -> np.ndarray | None:
@@ -74,3 +83,9 @@ def note_other_numbers(path: str, names: Mapping[float, str]) -> str:
 def note_names(path: str, text: str) -> str:
     """Return a note that the values in the names are used."""
     return f"{path}: its names differ from its numbers, and the names are used: {text}"
+
+
+def says_no_value(name: str) -> bool:
+    """Return whether the name of a raw value says that it stands for no value, such as SNA or Error."""
+    words = " ".join(_WORDS.split(name)).strip().lower()
+    return bool(_NO_VALUE.search(words)) and not _SOUND.search(words)

@@ -5,7 +5,6 @@ Rule            A table names the states of a status if the signal has no unit, 
                 reserved), the others stay numbers
 """
 
-import re
 from collections.abc import Mapping
 from math import ceil, floor
 
@@ -13,17 +12,9 @@ import numpy as np
 from cantools.database.can import Signal
 
 from clutch_hil.recordings.channel import simplify_unit
+from clutch_hil.recordings.state_names import says_no_value
 
 _ROUNDING = 1e-6  # tolerance of a raw value: limits in a database are decimal numbers
-_WORDS = re.compile(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[^\W\d_])(?=\d)|[\W_]+")  # where a name is split into words
-_NO_VALUE = re.compile(
-    r"\b(sna|snv|na|n a|not ?avail\w*|nicht verf\w*|unavail\w*|no (value|signal|data)|missing|unknown|timeout"
-    r"|invalid\w*|not valid|ung(ü|ue)ltig\w*|implausible|err|errors?|fehler\w*|faults?|faulty|fail|failed|failure|defect\w*"
-    r"|init|(un)?initiali[sz]\w*|undef\w*|not defined|reserved?|rsvd|not used|unused)\b"
-)
-_SOUND = re.compile(
-    r"\b(no|not|without|kein|keine|ohne) (err|errors?|fehler|faults?|faulty|fail|failed|failure|defect)\b|\bfree\b"
-)
 
 
 def is_status(signal: Signal) -> bool:
@@ -40,7 +31,7 @@ def list_missing(signal: Signal) -> Mapping[int, str]:
     """Return raw values of a numeric signal that its table marks as missing, with their names; empty for a status."""
     if not signal.choices or signal.is_float or is_status(signal):
         return {}
-    return {_wrap(signal, raw): str(name) for raw, name in signal.choices.items() if _says_no_value(str(name))}
+    return {_wrap(signal, raw): str(name) for raw, name in signal.choices.items() if says_no_value(str(name))}
 
 
 def list_state_names(signal: Signal) -> Mapping[float, str]:
@@ -51,7 +42,7 @@ def list_state_names(signal: Signal) -> Mapping[float, str]:
     return {
         scale * _wrap(signal, raw) + offset: str(name)
         for raw, name in signal.choices.items()
-        if not _says_no_value(str(name))
+        if not says_no_value(str(name))
     }
 
 
@@ -62,11 +53,6 @@ def find_missing(signal: Signal, raw: np.ndarray) -> np.ndarray:
         if _find_lowest(signal) <= number <= _find_highest(signal):
             mask |= raw == raw.dtype.type(number)
     return mask
-
-
-def _says_no_value(name: str) -> bool:
-    words = " ".join(_WORDS.split(name)).strip().lower()
-    return bool(_NO_VALUE.search(words)) and not _SOUND.search(words)
 
 
 def _names_all(signal: Signal) -> bool:

@@ -16,10 +16,10 @@ import numpy as np
 from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first, simplify_unit
 from clutch_hil.recordings.foreign import NEEDS_DATABASE
 from clutch_hil.recordings.formats.bus_log import BusLogFormat
-from clutch_hil.recordings.state_names import note_names, note_other_numbers, take_names
+from clutch_hil.recordings.state_names import note_names, note_other_numbers, says_no_value, take_names
 from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import take_unit
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 from protocols.files.bounds import check_rows
 from protocols.files.mdf.mdf_conversions import TEXT
 from protocols.files.mdf.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
@@ -107,6 +107,9 @@ class MdfRecording:
         for one, channel in {one: channel for channel, (_, one) in zip(channels, places, strict=True)}.items():
             if one.kind == TEXT:
                 continue
+            if one.kind == "status" and channel.kind == "number":
+                self._drop_missing(channel, one, values[one])
+                continue
             names = self._file.list_names(one) if one.kind == "status" else {}
             note = note_other_numbers(channel.path, names)
             if taken := take_names(values[one], names):
@@ -119,6 +122,21 @@ class MdfRecording:
             else Signal(channel, values[one][: group.rows], self._read_axis(values, group))
             for channel, (group, one) in zip(channels, places, strict=True)
         ]
+
+    def _drop_missing(self, channel: Channel, one: MdfChannel, values: np.ndarray) -> None:
+        """Set numbers (n,) whose names say that they are no value to NaN."""
+        names = {number: name for number, name in self._file.list_names(one).items() if says_no_value(name)}
+        absent = np.isin(values, list(names))
+        values[absent] = nan
+        if count := np.count_nonzero(absent):
+            told = f"{format_count(count, 'sample')} without a value by the file: {name_first(list(names.values()))}"
+            self.notes.append(f"{channel.path}: {told}")
+
+    def _choose_kind(self, one: MdfChannel) -> str:
+        """Kind of a channel. Numbers with a unit of which some have names stay numbers, as those of a DBC (value_tables.py)."""
+        if one.kind != "status" or one.bits == 1 or not _is_known(unit := simplify_unit(one.unit)) or unit in ("", "1"):
+            return one.kind
+        return "number" if len(self._file.list_names(one)) < 1 << one.bits else one.kind
 
     def _convert_texts(self, channel: Channel, group: MdfGroup, one: MdfChannel, time: np.ndarray | None) -> Signal:
         texts = self._file.read_texts(one)[: group.rows]
@@ -173,14 +191,13 @@ class MdfRecording:
                 number = len(channels) + 1
                 self._places[number] = (group, one)
                 is_time = one in self._seconds
-                unit = (
-                    "s" if is_time else "1" if one.kind == "status" else one.unit or _MASTER_UNITS.get(one.master, "")
-                )
-                name, unit = take_unit(one.name, unit, one.kind)
+                kind = self._choose_kind(one)
+                unit = "s" if is_time else "1" if kind == "status" else one.unit or _MASTER_UNITS.get(one.master, "")
+                name, unit = take_unit(one.name, unit, kind)
                 channels.append(
                     Channel(
                         name, number, path, unit, f"group {group.number + 1}", group.rows, rate, start, end,
-                        "time" if is_time else one.kind, one.comment,
+                        "time" if is_time else kind, one.comment,
                     )
                 )  # fmt: skip
         if not channels:

@@ -1,8 +1,8 @@
 """Conversions of an MDF channel: from raw to physical numbers, if the result is a number.
 
 Simple conversions are computed by asammdf. Formulas are computed here, because text from a file is never run as code. If a
-conversion gives words for some values and numbers for others, words become NaN; if it gives only words, raw numbers are kept as
-a status.
+conversion gives words for some values and numbers for others, words become NaN; if it gives only words, raw numbers are kept:
+as a status if the words are for single values. A conversion from text gives numbers or other text.
 """
 
 from typing import Any, Final
@@ -20,6 +20,7 @@ _SIMPLE_3: Final = (65535, 0, 1, 2, 6, 7, 8, 9)
 _FORMULA: Final = {4: 3, 3: 10}  # version of MDF -> kind of a conversion by a formula
 _WORDS: Final = {4: (7, 8), 3: (11, 12)}  # value to text, range to text
 _BITS: Final = {4: 11}  # texts for bits
+_TEXT_TO_NUMBER, _TEXT_TO_TEXT = 9, 10  # MDF 4
 _MOST_WORDS = 1000  # of a conversion that also gives numbers: each word needs a search in all rows
 
 
@@ -31,7 +32,8 @@ def find_kind(conversion: Any, version: int) -> str:
     if kind in ((*_SIMPLE_4, _RANGES) if version == 4 else _SIMPLE_3) or kind == _FORMULA[version]:
         return NUMBER
     if kind in _WORDS[version]:
-        return NUMBER if _has_numbers(conversion, version) else STATUS
+        # words for wide ranges are classes of a measured quantity
+        return NUMBER if _has_numbers(conversion, version) or not list_names(conversion, version) else STATUS
     return STATUS if kind == _BITS.get(version) else TEXT
 
 
@@ -57,8 +59,37 @@ def list_names(conversion: Any, version: int) -> dict[float, str]:
             return {}
         word = texts.get(f"text_{k}") or getattr(conversion, f"text_{k}", None)
         if isinstance(word, bytes):
-            names[low] = word.decode("utf-8", "replace").strip(" \0")
+            names[low] = _decode(word)
     return names
+
+
+def convert_texts(conversion: Any, texts: list[str]) -> list[str]:
+    """Return the texts (n,) that an MDF 4 `conversion` makes of `texts` (n,): numbers as text, or other texts.
+
+    Raises ValueError for another conversion.
+    """
+    blocks = conversion.referenced_blocks or {}
+    if conversion.conversion_type == _TEXT_TO_NUMBER:
+        keys, values = "text_{}", [repr(float(conversion[f"val_{k}"])) for k in range(conversion.val_param_nr - 1)]
+        otherwise = repr(float(conversion.val_default))
+    elif conversion.conversion_type == _TEXT_TO_TEXT:
+        keys, values = (
+            "input_{}_addr",
+            [_decode(blocks.get(f"output_{k}_addr")) for k in range((conversion.ref_param_nr - 1) // 2)],
+        )
+        otherwise = _decode(blocks.get("default_addr"))
+    else:
+        raise ValueError("it is one from numbers")
+    table: dict[str, str] = {}
+    for k, value in enumerate(values):
+        table.setdefault(_decode(blocks.get(keys.format(k))), value)
+    if conversion.conversion_type == _TEXT_TO_TEXT and not otherwise:
+        return [table.get(text, text) for text in texts]  # without a default a text stays as it is
+    return [table.get(text, otherwise) for text in texts]
+
+
+def _decode(word: Any) -> str:
+    return word.decode("utf-8", "replace").strip(" \0") if isinstance(word, bytes) else ""
 
 
 def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
@@ -72,6 +103,8 @@ def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
     kind = conversion.conversion_type
     if kind == _FORMULA[version]:
         return compute(conversion.formula, values)
+    if kind in _WORDS[version] and not _has_numbers(conversion, version):
+        return values
     if kind in _WORDS[4] and version == 4:
         return _convert_beside_words(conversion, raw)
     if kind == _RANGES and version == 4:

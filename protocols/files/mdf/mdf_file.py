@@ -13,7 +13,7 @@ import numpy as np
 from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import MOST_BYTES, check_bytes, check_rows
 from protocols.files.mdf.mdf_blocks import open_checked
-from protocols.files.mdf.mdf_conversions import NUMBER, STATUS, TEXT, find_kind, list_names, to_physical
+from protocols.files.mdf.mdf_conversions import NUMBER, STATUS, TEXT, convert_texts, find_kind, list_names, to_physical
 from protocols.files.mdf.mdf_texts import cut_cells, decode, follow_offsets
 from protocols.files.mdf.mdf_walk import check_inflated, make_damage_error
 from protocols.files.mdf.mf4_frames import holds_frames
@@ -47,7 +47,8 @@ _MOST_INFLATED = 4 * MOST_BYTES  # bytes of one group's compressed rows: 10 s of
 class MdfChannel:
     """A channel without its values. group, index: place in the file. kind: number, status or text.
 
-    master: its quantity (MASTERS) if it is the master of its group, else "". unit, comment: as in the file.
+    master: its quantity (MASTERS) if it is the master of its group, else "". unit, comment: as in the file. bits: of a raw
+    value.
     """
 
     group: int
@@ -57,6 +58,7 @@ class MdfChannel:
     comment: str
     kind: str
     master: str = ""
+    bits: int = 64
 
 
 @dataclass(frozen=True)
@@ -111,17 +113,17 @@ class MdfFile:
         return values
 
     def read_texts(self, channel: MdfChannel) -> list[str]:
-        """Return the texts (rows,) of a channel of text, "" for an invalid one. Raises InputError."""
+        """Return the texts (rows,) of a channel of text as the file converts them, "" for an invalid one.
+
+        Numbers of such a conversion are texts, too. Raises InputError.
+        """
         group, source = self._mdf.groups[channel.group], self._find_source(channel)
         rows = int(group.channel_group.cycles_nr)
         check_rows(f"recording {self._path}: {channel.name} has", rows, 1)
-        kind = source.conversion.conversion_type if source.conversion is not None else _NO_CONVERSION[self.version]
-        if kind != _NO_CONVERSION[self.version] or (
-            self.version == 4 and source.flags & (_ALL_INVALID | _MAY_BE_INVALID)
-        ):
+        if self.version == 4 and source.flags & (_ALL_INVALID | _MAY_BE_INVALID):
             raise InputError(
-                f"recording {self._path}: {channel.name!r} holds text that the file converts, or marks as invalid; save its"
-                " numbers as numbers"
+                f"recording {self._path}: {channel.name!r} holds text that the file marks as invalid; save its numbers as"
+                " numbers"
             )
         self._check_data(channel, group, rows)
         beside = self._read_beside(channel, group, source)
@@ -143,7 +145,20 @@ class MdfFile:
             raise make_damage_error(
                 self._path, f"{channel.name} has {rows} rows by its header, and {len(texts)} in its data"
             )
-        return texts
+        return self._convert_texts(channel, source, texts)
+
+    def _convert_texts(self, channel: MdfChannel, source: Any, texts: list[str]) -> list[str]:
+        conversion = source.conversion
+        if conversion is None or conversion.conversion_type == _NO_CONVERSION[self.version]:
+            return texts
+        try:
+            if self.version == 4:
+                return convert_texts(conversion, texts)
+        except (ValueError, AttributeError, KeyError):
+            pass
+        raise InputError(
+            f"recording {self._path}: {channel.name!r} holds text with an unknown conversion; save its numbers as numbers"
+        )
 
     def _read_beside(self, channel: MdfChannel, group: Any, source: Any) -> bytes | None:
         """Return the bytes beside the rows in which the texts of a channel are; None if they are in the rows."""
@@ -160,7 +175,7 @@ class MdfFile:
             return bytes(self._mdf._mdf._load_signal_data(group=group, index=channel.index) or b"")
 
     def list_names(self, channel: MdfChannel) -> Mapping[float, str]:
-        """Return the names of the raw values of a status; empty if the file names no single values."""
+        """Return the names of raw values of a channel; empty if the file names no single values."""
         with self._reading():
             return list_names(self._find_source(channel).conversion, self.version)
 
@@ -316,7 +331,8 @@ class MdfFile:
         unit = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
         comment = channel.comment or ""
         master = self._name_master(channel, is_master)
-        return MdfChannel(group_at, index, name, unit.strip(" \0"), comment, NUMBER if master else kind, master)
+        kind = NUMBER if master else kind
+        return MdfChannel(group_at, index, name, unit.strip(" \0"), comment, kind, master, channel.bit_count)
 
     def _name_master(self, channel: Any, is_master: bool) -> str:
         if not is_master:

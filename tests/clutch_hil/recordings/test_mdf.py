@@ -217,13 +217,55 @@ def test_invalid_samples_are_no_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize("version", ["4.10", "3.30"])
 def test_numbers_with_words_are_a_status_with_its_raw_numbers(tmp_path: Path, version: str) -> None:
     gear = (np.arange(ROWS) // 100).astype("u1")
-    path = write(tmp_path / "a.mf4", [make_signal("gear", gear, conversion=GEARS, unit="km/h")], version=version)
+    path = write(tmp_path / "a.mf4", [make_signal("gear", gear, conversion=GEARS, unit="-")], version=version)
     channel, read, _ = read_values(path, "gear")
     assert (channel.kind, channel.unit) == ("status", "1")
     np.testing.assert_array_equal(read, gear)
     text = '[columns]\ntime_s = { from = "time" }\ngear_1 = { from = "gear", unit = "1" }\n'
     run = import_by(tmp_path, path, "[file]\nresample_hz = 250.0\n" + text)
     assert set(run["gear_1"]) == {0.0, 1.0, 2.0}  # held, not interpolated
+
+
+GAUGE = {"val_0": 254, "text_0": b"low", "val_1": 255, "text_1": b"SNA", "default": b""}
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_numbers_with_a_unit_stay_numbers_where_some_have_names(tmp_path: Path, version: str) -> None:
+    """As those of a DBC: value_tables.py."""
+    raw = np.append(np.arange(ROWS - 1) % 255, 255).astype("u1")
+    path = write(tmp_path / "a.mf4", [make_signal("pos", raw, conversion=GAUGE, unit="mm")], version=version)
+    channel, read, _ = read_values(path, "pos")
+    assert (channel.kind, channel.unit) == ("number", "mm")
+    np.testing.assert_array_equal(read, np.where(raw < 255, raw, np.nan))
+    recording = open_recording(path)
+    recording.read([choose_channel(path, recording.channels, "pos")])
+    assert "pos: 1 sample without a value by the file: SNA" in recording.notes
+
+
+def test_a_status_whose_unit_the_map_corrects_is_held(tmp_path: Path) -> None:
+    gear = (np.arange(ROWS) // 100).astype("u1")
+    path = write(tmp_path / "a.mf4", [make_signal("gear", gear, conversion=GEARS, unit="km/h")])
+    entry = 'gear_1 = { from = "gear", unit = "1", unit_from = "map" }\n'
+    run = import_by(tmp_path, path, f'[file]\nresample_hz = 250.0\n[columns]\ntime_s = {{ from = "time" }}\n{entry}')
+    assert set(run["gear_1"]) == {0.0, 1.0, 2.0}
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+@pytest.mark.parametrize("unit", ["bar", ""])
+def test_words_for_ranges_of_a_quantity_leave_its_numbers(tmp_path: Path, version: str, unit: str) -> None:
+    classes = {
+        "lower_0": 0,
+        "upper_0": 1,
+        "text_0": b"low",
+        "lower_1": 1,
+        "upper_1": 9,
+        "text_1": b"high",
+        "default": b"",
+    }
+    path = write(tmp_path / "a.mf4", [make_signal("p", TIME, conversion=classes, unit=unit)], version=version)
+    channel, read, _ = read_values(path, "p")
+    assert (channel.kind, channel.unit) == ("number", unit)
+    np.testing.assert_array_equal(read, TIME)
 
 
 def test_words_beside_numbers_are_no_numbers(tmp_path: Path) -> None:

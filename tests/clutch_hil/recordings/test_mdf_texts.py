@@ -2,11 +2,14 @@
 
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from asammdf import Signal
+from asammdf.blocks.v4_blocks import ChannelConversion
 
+from protocols.files.mdf.mdf_conversions import convert_texts
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 from tests.clutch_hil.recordings.mdf_files import (
     FORCE,
@@ -49,11 +52,35 @@ def test_on_and_off_as_text_are_a_status(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run["valve_1"], np.arange(ROWS) // 100 % 2)
 
 
-def test_text_that_the_file_converts_is_refused(tmp_path: Path) -> None:
+def make_table_of_texts(**entries: object) -> ChannelConversion:
+    """A conversion of texts to numbers."""
+    words = sum(key.startswith("text_") for key in entries)
+    conversion = ChannelConversion(conversion_type=9, links_nr=4 + words, val_default=0.0, **entries)
+    conversion.referenced_blocks = {key: value for key, value in entries.items() if key.startswith("text_")}
+    return conversion
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le"])
+def test_text_is_the_numbers_that_the_file_converts_it_to(tmp_path: Path, encoding: str) -> None:
+    words = make_table_of_texts(text_0=b"low", val_0=-0.125, text_1=b"high", val_1=2500.0, text_2=b"high", val_2=1.0)
+    texts = [["low", "high", "other"][row % 3] for row in range(ROWS)]
+    signal = make_text("pos", texts, encoding, conversion=words, unit="mm")
+    run = import_by(tmp_path, write(tmp_path / "a.mf4", [signal, make_signal("force", FORCE, unit="N")]), MAP)
+    np.testing.assert_allclose(run["position_m"], np.tile([-0.125e-3, 2.5, 0.0], ROWS // 3), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("default", "other"), [(b"", "other"), (b"1.5", "1.5")])
+def test_text_is_the_text_that_the_file_converts_it_to(default: bytes, other: str) -> None:
+    blocks = {"input_0_addr": b"low\0", "output_0_addr": b"0.5", "default_addr": default}
+    conversion = SimpleNamespace(conversion_type=10, ref_param_nr=3, referenced_blocks=blocks)
+    assert convert_texts(conversion, ["low", "other"]) == ["0.5", other]
+
+
+def test_text_with_a_conversion_from_numbers_is_refused(tmp_path: Path) -> None:
     levels = {"text_0": "low", "val_0": 1.0, "text_1": "high", "val_1": 2.0, "default": 0.0}
     level = make_text("pos", ["low", "high"] * (ROWS // 2), conversion=levels)
     path = write(tmp_path / "a.mf4", [level, make_signal("force", FORCE, unit="N")])
-    assert "'pos' holds text that the file converts, or marks as invalid" in find_refusal(tmp_path, path, MAP)
+    assert "'pos' holds text with an unknown conversion" in find_refusal(tmp_path, path, MAP)
 
 
 @pytest.mark.parametrize("place", ["offset", "length"])
