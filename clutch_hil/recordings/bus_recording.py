@@ -68,12 +68,17 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
 
 @dataclass(frozen=True)
 class _Raster:
-    """Frames of a message with one identifier: indices (n,) in the log, and payloads (n, bytes)."""
+    """Frames of a message with one identifier: indices (n,) in the log, payloads (n, bytes), and bytes that each has (n,)."""
 
     message: Message
     can_id: int
     rows: np.ndarray
     payloads: np.ndarray
+    lengths: np.ndarray
+
+    def select(self, chosen: np.ndarray) -> "_Raster":
+        """Return the frames of a mask (n,)."""
+        return _Raster(self.message, self.can_id, self.rows[chosen], self.payloads[chosen], self.lengths[chosen])
 
 
 class _BusRecording:
@@ -122,6 +127,8 @@ class _BusRecording:
         self._samples = None if given or version is VERSION_1 else find_samples(log, frames)
         self._of_samples: dict[int, str] = {}  # channel by number -> column of the samples
         self.channels: Sequence[recording.Channel] = self._list()
+        if not self.channels:
+            raise self._refuse(path, dbc, log, messages)
 
     def _refuse(self, path: Path, dbc: Path, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> InputError:
         """The error for a log without frames that carry signals."""
@@ -159,7 +166,20 @@ class _BusRecording:
             flags = log.flags[there]
             # many databases do not tell which frames are CAN FD (VFrameFormat)
             strange = (flags & ~np.uint8(EXTENDED | (FD if message.is_fd or self._given else 0))) != 0
-            rows = there[~strange & (log.lengths[there] >= message.length)]
+            lengths = log.lengths[there]
+            enough = lengths >= message.length
+            if self._given and not is_carried(message, self._version):
+                # classic frames of a longer message are rather packets of it
+                in_part = (
+                    (lengths > 0) & ((message.length <= _CLASSIC_BYTES) | ((flags & FD) != 0)) & ~enough & ~strange
+                )
+                if in_part.any():
+                    self.notes.append(
+                        f"{format_count(np.count_nonzero(in_part), 'frame')} of {message.name} with fewer than"
+                        f" {message.length} bytes: the signals whose bits they have are read"
+                    )
+                enough |= in_part
+            rows = there[~strange & enough]
             short = len(there) - np.count_nonzero(strange) - len(rows)
             if kinds := [
                 name for flag, name in FLAG_NAMES.items() if flag != EXTENDED and np.any(flags[strange] & flag)
@@ -192,7 +212,8 @@ class _BusRecording:
                 if lost > 0:
                     self.notes.append(f"missing by the alive counters: {format_count(lost, 'frame')} of {message.name}")
             if len(rows) and message.signals:
-                rasters.append(_Raster(message, can_id, rows, log.read_matrix(rows, message.length)))
+                payloads = log.read_padded(rows, message.length)
+                rasters.append(_Raster(message, can_id, rows, payloads, log.lengths[rows]))
         if unknown:
             count, others = sum(unknown.values()), list(unknown)
             names = join_names(others[:_MOST_NAMES]) + (", ..." if len(others) > _MOST_NAMES else "")
@@ -216,9 +237,16 @@ class _BusRecording:
                 if signal.length > _LONGEST_SIGNAL or max(list_bit_places(signal)) >= 8 * message.length:
                     self.notes.append(f"left out {message.name}.{signal.name}: its bits are not in the frame")
                     continue
-                chosen = find_rows_with_signal(message, signal, raster.payloads)
-                pages = [f"{one.name}={','.join(map(str, ids))}" for one, ids in list_multiplexers(signal, by_name)]
-                part = _Raster(message, raster.can_id, raster.rows[chosen], raster.payloads[chosen])
+                selected = list(list_multiplexers(signal, by_name))
+                needed = 1 + max(max(list_bit_places(one)) for one in (signal, *(one for one, _ in selected))) // 8
+                long_enough = raster.lengths >= needed
+                if not long_enough.any():
+                    self.notes.append(f"left out {message.name}.{signal.name}: no frame has its bits")
+                    continue
+                pages = [f"{one.name}={','.join(map(str, ids))}" for one, ids in selected]
+                if not long_enough.all():
+                    pages.append(f"{raster.lengths[long_enough].min()} bytes")
+                part = raster.select(find_rows_with_signal(message, signal, raster.payloads) & long_enough)
                 if not len(part.rows):
                     continue
                 name = message.name + sender + (f"[{' '.join(pages)}]" if pages else "")

@@ -62,6 +62,13 @@ class BusLog:
         """Return the payloads of the frames `rows`, which have at least `length` bytes: shape (rows, length)."""
         return np.frombuffer(self.payload, np.uint8)[self.starts[rows][:, None] + np.arange(length)]
 
+    def read_padded(self, rows: np.ndarray, length: int) -> np.ndarray:
+        """Return the payloads of the frames `rows`, shape (rows, length); 0 where a frame has fewer bytes."""
+        at = np.arange(length)
+        content = np.frombuffer(self.payload, np.uint8)
+        places = np.minimum(self.starts[rows][:, None] + at, max(len(content) - 1, 0))
+        return np.where(at < self.lengths[rows][:, None], content[places], np.uint8(0))
+
     def keep(self, rows: np.ndarray) -> "BusLog":
         """Return the log with the frames `rows` only, indices or a mask."""
         names = ("stamps", "ids", "flags", "channel", "starts", "lengths")

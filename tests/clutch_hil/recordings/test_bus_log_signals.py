@@ -285,7 +285,7 @@ def test_can_fd_frames_are_read_by_a_named_database_that_does_not_tell_them(tmp_
     assert read_values(open_recording(path, {"dbc": "fd.dbc"}), path, "FDM.LAST")[1].tolist() == [12.345] * 3
     with pytest.raises(
         InputError,
-        match=r"has messages of .*fd.dbc, and none that can be read: left out 3 frames of FDM with fewer than",
+        match=r"has messages of .*fd.dbc, and none that can be read: left out FDM.LAST: no frame has its bits",
     ):
         open_recording(log(32), {"dbc": "fd.dbc"})
     path.write_text("(1.0) can0 123#R8\n")

@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clutch_hil.recordings.channel import choose_channel
+from clutch_hil.recordings.format import open_recording
 from tests.clutch_hil.recordings.bus_logs import format_candump, make_message
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
@@ -53,16 +55,49 @@ def test_a_signal_without_a_certain_meaning_is_refused_with_the_reason(
     database = DATABASE.replace(old, new)
     if "SIG_VALTYPE_" in new:  # stands behind all messages
         database = DATABASE + new.partition("\n")[0] + "\n"
-    assert f"; left out {why}" in find_refusal(tmp_path, write(tmp_path, database), MAP)
+    assert f"left out {why}" in find_refusal(tmp_path, write(tmp_path, database), MAP)
 
 
-def test_frames_that_are_too_short_are_the_reason(tmp_path: Path) -> None:
-    path = write(tmp_path)
+def cut_frames(path: Path, digits: int, every: int = 1) -> None:
+    """Shorten each frame, or each `every`th one, to its first `digits`."""
     lines = path.read_text().splitlines()
-    path.write_text("\n".join([*(line[:-4] for line in lines), "(1.0) can0 200#0000000000000000", ""]))
-    sentence = find_refusal(tmp_path, path, MAP)
-    assert "has no column 'CLUTCH.time'" in sentence
-    assert f"left out {ROWS} frames of CLUTCH with fewer than 8 bytes" in sentence
+    cut = [line.partition("#")[0] + "#" + line.partition("#")[2][:digits] for line in lines]
+    path.write_text("".join(f"{cut[n] if n % every == 0 else line}\n" for n, line in enumerate(lines)))
+
+
+@pytest.mark.parametrize("digits", [4, 6, 14])
+def test_the_signals_that_fit_into_short_frames_are_read(tmp_path: Path, digits: int) -> None:
+    path = write(tmp_path)
+    cut_frames(path, digits)
+    run = import_by(tmp_path, path, MAP)
+    np.testing.assert_array_equal(run["torque_nm"], 0.5 * RAW)
+    told = f"{ROWS} frames of CLUTCH with fewer than 8 bytes: the signals whose bits they have are read"
+    assert told in str(run.metadata["import"])
+
+
+@pytest.mark.parametrize("digits", [0, 2])
+def test_a_signal_that_no_frame_has_is_told(tmp_path: Path, digits: int) -> None:
+    path = write(tmp_path)
+    cut_frames(path, digits)
+    path.write_text(path.read_text() + "(1.0) can0 200#0000000000000000\n")
+    sentence = find_refusal(tmp_path, path, MAP.replace("CLUTCH.time", "OTHER.time"))
+    why = "no frame has its bits" if digits else ""
+    why = why or f"left out {ROWS} frames of CLUTCH with fewer than 8 bytes"
+    assert "has no column 'CLUTCH.TORQUE'" in sentence
+    assert why in sentence
+
+
+def test_signals_of_frames_of_several_lengths_have_the_times_of_theirs(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    cut_frames(path, 4, every=3)
+    recording = open_recording(path, {"dbc": "car.dbc"})
+    torque, count = (choose_channel(path, recording.channels, f"CLUTCH.{name}") for name in ("TORQUE", "COUNT"))
+    assert (torque.raster, count.raster) == ("CLUTCH", "CLUTCH[8 bytes]")
+    signals = recording.read([torque, count])
+    np.testing.assert_array_equal(signals[0].values, 0.5 * RAW)
+    there = np.arange(ROWS)[np.arange(ROWS) % 3 > 0]
+    np.testing.assert_array_equal(signals[1].values, there)
+    np.testing.assert_allclose(signals[1].time, 0.01 * there, atol=1e-9)
 
 
 def test_a_message_that_is_there_twice_alike_is_read(tmp_path: Path) -> None:
