@@ -150,6 +150,11 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
             remark = f"by the file, {_format_comment(str(stated[0]))}: check this"
             remark += f", as {_format_comment(other.name)} rises otherwise" if other else ""
             return f"{'# ' if other else ''}time_s = {{ rate_hz = {stated[0].rates[0]:.12g} }}  # {remark}"
+        if rising := _find_rising(recording.channels, recording):
+            return (
+                f'# time_s = {{ {_make_reference(rising, recording)}, unit = "s" }}  # no column has the name or unit of a'
+                " time; this one rises: set its unit, name another, or set rate_hz"
+            )
         return (
             '# time_s = { from = "", unit = "s" }  # no column has the name or unit of a time: name one, or set rate_hz'
         )

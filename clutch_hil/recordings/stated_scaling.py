@@ -17,7 +17,7 @@ _NEUTRAL = {
         ("gain", "scale", "scaling", "scalefactor", "scalingfactor", "factor", "slope", "multiplier", "sensitivity",
          "calibration", "calibrationfactor", "calfactor", "conversionfactor", "lsb", "c1", "coefficient", "coefficients",
          "coeffs", "unitsperbit", "unitspercount", "voltspercount", "countsperunit", "datascale", "verticalgain", "yincrement",
-         "yincr"), 1.0,
+         "yincr", "verticalscale"), 1.0,
     ),
     **dict.fromkeys(
         ("offset", "addoffset", "bias", "intercept", "yintercept", "dataoffset", "yoffset", "c0"), 0.0,

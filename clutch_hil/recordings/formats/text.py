@@ -31,6 +31,7 @@ from clutch_hil.recordings.channel import NO_VALUES, Channel, Recording, Signal,
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
 from clutch_hil.recordings.state_names import name_states
+from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.text.axes import Axis, find_axes, find_repeated_axes
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
@@ -272,6 +273,8 @@ class TextRecording:
             )
         while len(channels) > 1 and self._is_spare(channels[-1]):
             channels.pop()
+        if len(channels) == 1 and channels[0].kind == "number":  # what the file states is of it
+            channels = [replace(channels[0], scaling=channels[0].scaling or describe_scaling(self.numbers.items()))]
         clocks = [channel for channel in channels if channel.kind == "time"]
         if any(not self._is_date(channel.number) for channel in clocks):  # dates beside times of day are no axis
             channels = [replace(c, kind="text", unit="") if self._is_date(c.number) else c for c in channels]

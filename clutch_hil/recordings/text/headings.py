@@ -333,6 +333,8 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
         row = [cell.rstrip(*marks) for cell in row] if all(cell[-1:] in marks for cell in row[:-1]) else row
     if len(row) == width + 1 and row[-1] == _UNUSED_NAME:
         del row[-1]
+    if least == 1 < width and any(row[1:]):
+        return []  # `Vertical Scale,0.5,` above `17,` of GW Instek: a setting
     if len(row) >= least and not any(row[width:]):
         return [*row, *[""] * width][:width]
     for mark in ("\t", ";", ",", "|"):  # names may be parted otherwise than numbers are

@@ -31,6 +31,10 @@ from protocols.errors import InputError
 from protocols.files.arrow import from_texts
 
 _MOST_COLUMNS = 10_000  # more than any logger has channels
+_NUMBERED_ROWS = re.compile(
+    r"#\s*[,;\t]\s*[^\W\d]"
+)  # names, of which the first is that of the number of the row: `#,CH1`
+_STARTS_WITH_NUMBER = re.compile(r"\s*[0-9]+\s*[,;\t]")
 _HEAD_LINES = 2000  # that are looked at; a preamble is shorter
 _EVEN = 0.5  # by which steps of a time may differ: a clock that is read by a program
 _COUNTED = 50  # rows of which it is looked at whether the first column counts them
@@ -180,7 +184,8 @@ def _list_lines(file: TextFile, skip: int) -> tuple[list[Line], str]:
             if "\n".join(texts[start - 1 : end + 1]).count('"') % 2 == 0:
                 text, number = "\n".join(texts[start - 1 : end + 1]), end + 1
         if start > skip and text.strip(" \t\0\x1a"):
-            comment = COMMENT.match(text)
+            named = _NUMBERED_ROWS.match(text) and number < len(texts) and _STARTS_WITH_NUMBER.match(texts[number])
+            comment = None if named else COMMENT.match(text)
             lines.append(Line(start, text[comment.end() :] if comment else text, bool(comment)))
     return lines, delimiter
 

@@ -17,6 +17,7 @@ from tests.clutch_hil.recordings.maps import import_by
 from tests.clutch_hil.recordings.text_files import (
     SPEED,
     TIME,
+    TORQUE,
     make_rows,
     make_table,
 )
@@ -76,6 +77,17 @@ def test_a_frequency_for_a_speed_is_refused_with_a_unit_that_fits(tmp_path: Path
     if unit == "Hz":
         run = import_by(tmp_path, file, columns.replace('"speed"', '"speed", unit = "rps"'))
         np.testing.assert_allclose(run["speed_rad_s"], 2.0 * np.pi * SPEED, rtol=1e-12)
+
+
+def test_a_draft_names_a_column_that_rises_as_a_time_perhaps(tmp_path: Path) -> None:
+    """Hantek writes times without a name and a unit."""
+    file = tmp_path / "scope.csv"
+    rows = "".join(f"{time:.5E},{torque:.3f}\n" for time, torque in zip(TIME, TORQUE, strict=True))
+    file.write_text(f"#timebase=2000000000(ps)\n,#voltbase=5000000(uV)\n#size=60\n{rows}")
+    draft = draft_map(file, open_recording(file))
+    assert '\n# time_s = { from = "column 1", unit = "s" }  # no column has the name' in draft
+    run = import_by(tmp_path, file, draft.replace("# time_s", "time_s"))
+    np.testing.assert_allclose(run["time_s"], TIME, atol=1e-12)
 
 
 def test_a_draft_makes_no_time_of_another_column(tmp_path: Path) -> None:

@@ -122,6 +122,17 @@ def test_a_factor_belongs_to_what_its_name_says(name: str, message: str) -> None
     assert describe_scaling_beside("torque", {name: 2.0}) == message
 
 
+def test_counts_of_an_oscilloscope_are_asked_about(tmp_path: Path) -> None:
+    """GW Instek writes counts of its converter below settings, of which one is their factor."""
+    path = tmp_path / "recording.csv"
+    settings = ("Format,2.0", "Vertical Units,V", "Vertical Scale,5.0E-01", "Firmware,V1.2", "Waveform Data")
+    path.write_text("".join(f"{setting},\n" for setting in settings) + "".join(f"{count},\n" for count in COUNTS))
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\nvalve_v = { number = 1, unit = "V" }\n'
+    assert "has whole numbers, and the file states Vertical Scale = 0.5 of it" in find_refusal(tmp_path, path, columns)
+    run = import_by(tmp_path, path, columns.replace('"V" }', '"V", scale = 0.02 }'))
+    np.testing.assert_allclose(run["valve_v"], 0.02 * COUNTS, rtol=1e-12)
+
+
 @pytest.mark.parametrize("label", ["Factor;1;0.02", "Gain;1;0.02\nOffset;0;-100"])
 def test_a_factor_whose_line_has_a_label_that_rows_lack_is_asked_about(tmp_path: Path, label: str) -> None:
     path = tmp_path / "recording.csv"

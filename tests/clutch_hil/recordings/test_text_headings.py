@@ -335,6 +335,15 @@ def test_a_name_with_two_blanks_is_found_as_the_file_has_it(tmp_path: Path) -> N
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["time_s"], TIME, atol=1e-12)
 
 
+def test_a_name_of_the_row_may_be_a_number_sign(tmp_path: Path) -> None:
+    """As Owon writes it: the line of names was taken for a comment, and the settings above it for names."""
+    rows = "".join(f"{row},{torque:.4f}\n" for row, torque in enumerate(TORQUE))
+    path = tmp_path / "recording.csv"
+    path.write_text(f"Unit:(mV)\n,CH1\nFrequency,F=1.0kHz\nSample Interval,10ms\n#,torque(mNm)\n{rows}")
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { from = "torque" }\n'
+    np.testing.assert_allclose(import_by(tmp_path, path, columns)["torque_nm"], 1e-3 * TORQUE, atol=1e-12)
+
+
 def test_settings_beside_the_first_rows_take_no_row_away(tmp_path: Path) -> None:
     """As Tektronix writes them, TDS 1000 and 2000."""
     settings = ["Record Length,6.0E+01", "Sample Interval,1.0E-02", "Source,CH1", "Pt Fmt,Y", "Yzero,0.0E+00"]
