@@ -1,6 +1,7 @@
 """Parquet and Feather (Arrow IPC): tables of pandas, Polars, DuckDB; and run files of this project."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,14 +14,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from clutch_hil.recordings.channel import Channel, Signal, keep_whole, name_first
+from clutch_hil.recordings.channel import EXACT, Channel, Signal, keep_whole, name_first
 from clutch_hil.recordings.long_table import can_name_signals, make_refusal, names_signals
 from clutch_hil.recordings.state_names import value_states
 from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling
 from clutch_hil.recordings.stated_unit import join_units, list_unit_keys
 from clutch_hil.recordings.text_values import convert_texts
-from clutch_hil.recordings.unit_in_name import take_unit
+from clutch_hil.recordings.unit_in_name import is_unit, take_unit
 from protocols.errors import InputError
 from protocols.files.arrow import convert_numbers
 from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile, reading
@@ -34,6 +35,8 @@ _TICKS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}  # of Arrow
 _DAY = 86400.0  # s
 _MOST_STATES = 20  # names of states in a note
 _JUDGED_ROWS = 2000  # that tell whether a column of words names the signal of each row
+_LEVELS = re.compile(r"\('(?P<name>[^']+)', '(?P<unit>[^']+)'\)")  # as pandas writes two levels of names
+_LONGEST_LEVELS = 200  # characters of a name in which levels are looked for
 _SCHEMA_BYTES = 8  # bytes of a message before its content
 
 
@@ -61,6 +64,7 @@ class ArrowRecording:
         self.start = ""
         self._origin: dict[str, int] = {}  # by the kind of clock: ticks of the first time of day
         self._places: dict[int, int] = {}  # by number of the channel
+        self._index: tuple[str, float, float] | None = None  # of pandas, not stored: its name, first number and step
         self._read_metadata()
         self.channels: Sequence[Channel] = self._list()
         self._clock = next((channel for channel in self.channels if channel.kind == "time"), None)
@@ -71,12 +75,16 @@ class ArrowRecording:
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         self._check_long(channels)
         wanted = list(dict.fromkeys([*channels, *([self._clock] if self._clock else [])]))
-        columns = self._file.read([self._places[channel.number] for channel in wanted])
+        stored = [channel for channel in wanted if channel.number in self._places]
+        columns = self._file.read([self._places[channel.number] for channel in stored])
         texts: dict[int, Signal] = {}
         values: dict[int, np.ndarray] = {}
         whole: dict[int, np.ndarray | None] = {}
         with reading(self._path):
-            for channel, column in zip(wanted, columns, strict=True):
+            for channel in wanted:
+                if channel not in stored and self._index:
+                    values[channel.number] = self._index[1] + self._index[2] * np.arange(self._file.rows)
+            for channel, column in zip(stored, columns, strict=True):
                 if channel.kind == "text" or (channel.states and channel.kind == "status" and _has_words(column)):
                     column = pc.cast(column, pa.string())
                     texts[channel.number] = convert_texts(self._path, channel, column.to_pylist(), self.notes)
@@ -87,7 +95,7 @@ class ArrowRecording:
         return [
             replace(texts[channel.number], time=time)
             if channel.number in texts
-            else Signal(channel, values[channel.number], time, whole[channel.number])
+            else Signal(channel, values[channel.number], time, whole.get(channel.number))
             for channel in channels
         ]
 
@@ -180,12 +188,15 @@ class ArrowRecording:
             self._places[number] = place
             path = name if count[name] == 1 else f"{name}/{seen[name]}"
             unit, comment = self._find_unit(described, kind), _find_first(described.metadata, _MEANING_KEYS)
-            name, unit = take_unit(name, unit, kind)
+            name, unit = take_unit(*_split_levels(name, unit), kind)
             metadata = ((key.decode(errors="replace"), value) for key, value in (described.metadata or {}).items())
             scaling = describe_scaling(metadata) if kind == "number" else ""
             channels.append(
                 Channel(name, number, path, unit, "table", self._file.rows, kind=kind, comment=comment, scaling=scaling)
             )
+        if self._index:
+            name, unit = take_unit(self._index[0], "", "number")
+            channels.append(Channel(name, len(channels) + 1, self._index[0], unit, "table", self._file.rows))
         if left_out:
             self.notes.append(f"left out, as they are neither numbers, times nor text: {name_first(left_out)}")
         if not channels:
@@ -210,9 +221,12 @@ class ArrowRecording:
         metadata = {k.decode(errors="replace"): v.decode(errors="replace") for k, v in self._file.metadata.items()}
         self._pandas_units: dict[str, str] = {}
         for name, text in metadata.items():
-            if name in ("ARROW:schema", "pandas"):
+            if name == "ARROW:schema":
                 continue
             value = parse_json(text)
+            if name == "pandas":
+                self._index = _find_index(value, self._file.rows, self._file.schema.names)
+                continue
             attributes = value if name == "PANDAS_ATTRS" and isinstance(value, dict) else {name: value}
             for key in list_unit_keys(attributes):
                 if isinstance(units := attributes[key], dict):
@@ -223,6 +237,27 @@ class ArrowRecording:
                 elif isinstance(one, str) and (split := split_value(key, one)):
                     self.numbers[split[0]] = split[1]
         self.start = next((str(v) for key in _START if isinstance(v := _parse_entry(metadata, key), str)), "")
+
+
+def _find_index(described: Any, rows: int, names: Sequence[str]) -> tuple[str, float, float] | None:
+    """Return name, first number and step of a RangeIndex of pandas, which only its description has; None if there is none.
+
+    One without a name counts rows.
+    """
+    columns = described.get("index_columns") if isinstance(described, dict) else None
+    index = columns[0] if isinstance(columns, list) and len(columns) == 1 and isinstance(columns[0], dict) else {}
+    name, (start, stop, step) = index.get("name"), (index.get(key) for key in ("start", "stop", "step"))
+    if not (isinstance(name, str) and name and name not in names and type(start) is type(stop) is type(step) is int):
+        return None
+    if not step or max(abs(start), abs(stop), abs(step)) > EXACT or len(range(start, stop, step)) != rows:
+        return None
+    return name, float(start), float(step)
+
+
+def _split_levels(name: str, unit: str) -> tuple[str, str]:
+    """Return name and unit of a column of pandas with two levels of names, the second of which is its unit."""
+    match = _LEVELS.fullmatch(name) if not unit and len(name) <= _LONGEST_LEVELS else None
+    return (match["name"], match["unit"]) if match and is_unit(match["unit"]) else (name, unit)
 
 
 def _parse_entry(metadata: Mapping[str, str], key: str) -> Any:

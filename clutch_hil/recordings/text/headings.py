@@ -13,6 +13,7 @@ from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.date_names import name_date_and_time
 from clutch_hil.recordings.text.footer import STATISTIC
+from clutch_hil.recordings.text.index_name import name_index
 from clutch_hil.recordings.text.lines import RUNS, Line, split
 from clutch_hil.recordings.text.number_types import are_types
 from clutch_hil.recordings.text.stated_numbers import (
@@ -97,6 +98,7 @@ def find_headings(
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
     if date >= 0:
         rows = {n: name_date_and_time(row, above[n], delimiter, widths, date) for n, row in rows.items()}
+    rows = name_index(rows, above)
     names = units = None
     filled = widths[0] == width  # else the missing name is that of the empty last column
     if counted and top and filled and (row := _add_name_of_rows(above[-1], width, delimiter)):

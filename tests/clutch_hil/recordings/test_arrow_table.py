@@ -1,10 +1,12 @@
 """Parquet and Feather: columns one by one, with units and meanings; times of day from the first; bounds before reading."""
 
+import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pyarrow as pa
 import pyarrow.feather
 import pyarrow.parquet as pq
@@ -136,6 +138,36 @@ def test_units_in_the_attributes_of_pandas_count(tmp_path: Path) -> None:
     metadata = {"PANDAS_ATTRS": '{"units": {"pos": "mm"}}'}
     pq.write_table(pa.table({"time_s": TIME, "pos": TIME}).replace_schema_metadata(metadata), path)
     np.testing.assert_allclose(import_by(tmp_path, path)["position_m"], 1e-3 * TIME)
+
+
+@pytest.mark.parametrize("write_table", [WRITERS["parquet"], WRITERS["feather"]])
+def test_an_index_of_pandas_that_is_not_stored_is_a_column(tmp_path: Path, write_table: Any) -> None:
+    frame = pandas.DataFrame(
+        {"torque": np.sin(TIME)}, index=pandas.RangeIndex(500, 500 + 10 * ROWS, 10, name="time [ms]")
+    )
+    write_table(pa.Table.from_pandas(frame), tmp_path / "a")
+    recording = open_recording(tmp_path / "a")
+    torque, index = recording.channels
+    assert (index.name, index.unit) == ("time", "ms")
+    for asked in ([index], [index, torque]):
+        np.testing.assert_array_equal(recording.read(asked)[0].values, 500 + 10 * np.arange(ROWS))
+
+
+@pytest.mark.parametrize(
+    "index", [{"stop": 10**30}, {"stop": 299}, {"step": 0}, {"name": None}, {"start": 0.5}, {"name": "x"}]
+)
+def test_an_index_that_does_not_fit_its_table_is_none(tmp_path: Path, index: dict[str, Any]) -> None:
+    described = {"kind": "range", "name": "i", "start": 0, "stop": ROWS, "step": 1} | index
+    table = pa.table({"x": TIME}).replace_schema_metadata({"pandas": json.dumps({"index_columns": [described]})})
+    pq.write_table(table, tmp_path / "a")
+    assert [channel.name for channel in open_recording(tmp_path / "a").channels] == ["x"]
+
+
+def test_units_in_the_second_level_of_names_count(tmp_path: Path) -> None:
+    levels = pandas.MultiIndex.from_tuples([("torque", "kNm"), ("wheel", "left")])
+    pq.write_table(pa.Table.from_pandas(pandas.DataFrame(np.zeros((ROWS, 2)), columns=levels)), tmp_path / "a")
+    channels = open_recording(tmp_path / "a").channels
+    assert [(channel.name, channel.unit) for channel in channels] == [("torque", "kNm"), ("('wheel', 'left')", "")]
 
 
 def test_a_run_of_ours_is_a_recording(tmp_path: Path) -> None:

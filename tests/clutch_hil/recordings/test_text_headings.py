@@ -335,6 +335,17 @@ def test_a_name_with_two_blanks_is_found_as_the_file_has_it(tmp_path: Path) -> N
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["time_s"], TIME, atol=1e-12)
 
 
+@pytest.mark.parametrize("index", ["time", "time [ms]"])
+def test_the_name_of_an_index_is_in_a_line_below_the_names(tmp_path: Path, index: str) -> None:
+    """As pandas writes it where the columns have two levels of names."""
+    path = write_rows(
+        tmp_path, f",torque,speed\n,kNm,rpm\n{index},,\n", ",", format_all(TIME), format_all(TORQUE), format_all(SPEED)
+    )
+    recording = open_recording(path)
+    told = [(channel.name, channel.unit) for channel in recording.channels]
+    assert told == [("time", "ms" if "ms" in index else ""), ("torque", "kNm"), ("speed", "rpm")]
+
+
 def test_a_name_of_the_row_may_be_a_number_sign(tmp_path: Path) -> None:
     """As Owon writes it: the line of names was taken for a comment, and the settings above it for names."""
     rows = "".join(f"{row},{torque:.4f}\n" for row, torque in enumerate(TORQUE))
