@@ -91,6 +91,7 @@ def simplify_unit(text: str) -> str:
         unit = unit[1:-1].strip()
     unit = _ABSOLUTE_UNIT.sub(r"\1", _ABSOLUTE_END.sub(r"\1\2", unit))
     unit = _GAUGE.sub(r"\1", unit)
+    unit = _DEGREE.sub(r"deg\1", unit)
     unit = _POWER.sub(r"\1^\2", _PER.sub(r"\1/\2", unit))
     if torque := _TORQUE.fullmatch(unit):
         return _write_torque(*torque.groups(""))
@@ -193,6 +194,7 @@ _SPELLINGS_OF_ANY_CASE = {
     "degrees f": "degF", "deg k": "K", "km/h": "km/h", "hp": "hp", "lb/in2": "psi", "lbf/in2": "psi", "a dc": "A",
     "ma dc": "mA", "v dc": "V", "mm hg": "mmHg", "n-cm": "N*cm", "mn-m": "mNm", "нм": "Nm", "н·м": "Nm", "бар": "bar",
     "кпа": "kPa", "мпа": "MPa", "牛米": "Nm", "牛·米": "Nm", "摄氏度": "degC", "unitless": "1", "rev": "turn",
+    "1/minute": "1/min", "tr/mn": "rpm", "rounds/min": "rpm", "kp": "kgf",
 }  # fmt: skip
 _ABSOLUTE = re.compile(r"(?<![^\W_])abs(olute?)?(?![^\W_])", re.IGNORECASE)
 # Units of pressure that tools mark as gauge or absolute
@@ -210,6 +212,8 @@ _MARK = r"[\s.·⋅*×_-]?"  # between the factors of a product
 _ARM, _WEIGHT = r"(in|inch|ft|foot|feet)", r"(lbf?s?|pounds?|ozf?)"
 _TORQUE = re.compile(rf"(?i:{_ARM}{_MARK}{_WEIGHT}|{_WEIGHT}{_MARK}{_ARM})|(kgf?|kp){_MARK}(c?m)")
 _PER = re.compile(r"(\w)[\s.·⋅*](s|min)(?:\^-1|-1|⁻¹)$")  # rad s-1
+# A degree sign in a wrong code page: UTF-8, DOS or Mac as cp1252, or replaced
+_DEGREE = re.compile("(?:Â°|[ø¡\ufffd])\\s?([CF])$")
 _POWER = re.compile(r"(?<![\w^])([cdm]?m|s)([23])(?!\w)")  # m3/h, m/s2
 _MOST_NAMES = 1000  # largest number of names that are compared with an unknown one: each takes about 10 us
 EXACT = 1 << 53  # above it, float64 cannot represent every integer

@@ -2,7 +2,7 @@
 
 Digits of Arabic, Persian, Indian, Thai and full width; a full-width or Arabic decimal mark; dashes before a digit; thin blanks
 between digits; marks of direction, which nobody sees. In names letters stand beside digits, and these are left as they are.
-Marks with which spreadsheets say that a number is text: ="0.5", '0.5 and '0.5'.
+Marks with which spreadsheets say that a number is text: ="0.5", '0.5 and '0.5'. Quotes around whole lines, which are one cell.
 """
 
 import re
@@ -20,12 +20,35 @@ _RUN = rf"[0-9{_DIGITS}{_MARKS}.:/eE+\u2212-]"
 _NUMBER = re.compile(rf"(?<![^\W\d_])(?<!{_RUN}){_RUN}++(?![^\W\d_])")  # whole runs, without letters beside them
 _THIN = re.compile(f"(?<=[0-9])[{_BLANKS}](?=[0-9])")
 _DASH = re.compile(f'(?:(?<=[\\n;,\\t|"])|^)[{_DASHES}](?=[0-9])')
+_QUOTES = re.compile(rb'(?m)^"((?:""|[^"\n])*)"$')
+_JUDGED_LINES = 100  # that tell whether lines are quoted
 _BEGIN, _END = rb"(?m)(?:(?<=[;,\t| ])|^)", rb"(?=[;,\t| \r]|$)"  # of a cell
 _FORMULA = re.compile(_BEGIN + rb'(?:"=""([^"\n]*)"""|="([^"\n]*)")' + _END)
 _QUOTED = re.compile(_BEGIN + rb"'([^'\"\n;\t|]*)'" + _END)
 # A comma is in a number where other delimiters are there, and parts cells elsewhere
 _MARKED = re.compile(_BEGIN + rb"'([+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)" + _END)
 _MARKED_COMMA = re.compile(rb"(?m)(?:(?<=[;\t| ])|^)'([+-]?[0-9]+(?:[.,][0-9]+)*(?:[eE][+-]?[0-9]+)?)(?=[;\t| \r]|$)")
+
+
+def are_quoted(lines: bytes) -> bool:
+    """Whether every one of whole lines is quoted, and has several cells in the quotes: spreadsheets save one column so.
+
+    A single comma in the quotes may be a decimal mark.
+    """
+    given = [line for line in lines.split(b"\n") if line.strip()]
+    return len(given) > 2 and all(map(_is_quoted, given[:_JUDGED_LINES]))
+
+
+def _is_quoted(line: bytes) -> bool:
+    inside = line[1:-1]
+    if len(line) < 2 or line[:1] + line[-1:] != b'""' or b'"' in inside.replace(b'""', b""):
+        return False
+    return b";" in inside or b"\t" in inside or inside.count(b",") > 1
+
+
+def strip_quotes(lines: bytes) -> bytes:
+    """Whole lines without the quotes around each; quotes within are doubled there."""
+    return _QUOTES.sub(lambda line: line[1].replace(b'""', b'"'), lines)
 
 
 def strip_marks_of_text(lines: bytes) -> bytes:

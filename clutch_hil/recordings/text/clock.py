@@ -164,13 +164,21 @@ def find_time_format(cells: Sequence[str]) -> TimeFormat | None:
         return TimeFormat(day_first, f"day{mark}month{mark}year")
     if max(second) > 12:
         return TimeFormat(month_first, f"month{mark}day{mark}year")
-    rest = " %H:%M:%S" if ":" in cells[0] else ""
-    either = [f"'%{a}{mark}%{b}{mark}%Y{rest}'" for a, b in ("dm", "md")]
+    either = [f"'%{a}{mark}%{b}{mark}%Y{_write_clock(cells[0])}'" for a, b in ("dm", "md")]
     return TimeFormat(
         day_first,
         "a date",
         f"can begin with the day or the month; set time_format = {either[0]} or {either[1]} in [file]",
     )
+
+
+def _write_clock(cell: str) -> str:
+    """The directives of the time of day in a cell, "" where it has none."""
+    clock = re.search(r":[0-9]{2}(?P<seconds>:[0-9]{2})?", cell)
+    if not clock:
+        return ""
+    half = re.search(r"[AaPp]\.?[Mm]\b", cell)
+    return f" %{'I' if half else 'H'}:%M{':%S' if clock['seconds'] else ''}{' %p' if half else ''}"
 
 
 def read_time_format(text: str) -> TimeFormat:

@@ -70,11 +70,13 @@ def _describe(file: TextFile, lines: Sequence[Line], width: int, delimiter: str,
 
 
 def _is_cut(file: TextFile, line: Line, tail: Sequence[Line], delimiter: str, cells: Cells) -> bool:
-    """Whether the last line has no end, and fewer decimals in its last cell than all lines before."""
+    """Whether the last line has no end, and in its last cell fewer decimals than all lines before, or alone no value."""
     if file.ended or line is not tail[-1] or len(tail) < 3:
         return False
-    before = [_count_decimals(split(other.text, delimiter)[-1], cells) for other in tail[-_FOOTER_LINES:-1]]
-    return _count_decimals(split(line.text, delimiter)[-1], cells) < min(before)
+    last, before = split(line.text, delimiter)[-1], [split(one.text, delimiter)[-1] for one in tail[-_FOOTER_LINES:-1]]
+    if not last and all(before):
+        return True
+    return _count_decimals(last, cells) < min(_count_decimals(cell, cells) for cell in before)
 
 
 def _count_decimals(cell: str, cells: Cells) -> int:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutch_hil.recordings.text.characters import simplify_characters, strip_marks_of_text
+from clutch_hil.recordings.text.characters import are_quoted, simplify_characters, strip_marks_of_text, strip_quotes
 from protocols.errors import InputError
 
 _BLOCK = 1 << 22  # bytes that are read at once: large against a call, small against the memory allowed
@@ -100,7 +100,7 @@ class TextFile:
 
     def read_blocks(self) -> Iterator[Block]:
         """All lines, in blocks. Raises InputError for a line without end."""
-        first, rest = 1, b""
+        first, rest, quoted = 1, b"", None
         for text in self._read_texts():
             text = rest + text
             end = text.rfind(b"\n") + 1
@@ -108,11 +108,13 @@ class TextFile:
                 number = first + text.count(b"\n")
                 raise InputError(f"recording {self.path}: line {number} has more than {_MOST_LINE} bytes")
             if end:
-                yield Block(first, strip_marks_of_text(text[:end]))
+                quoted = are_quoted(text[: min(end, _HEAD)]) if quoted is None else quoted
+                lines = strip_quotes(text[:end]) if quoted else text[:end]
+                yield Block(first, strip_marks_of_text(lines))
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
         if rest.strip(b"\x1a"):  # the mark with which DOS ends a file
-            yield Block(first, strip_marks_of_text(rest + b"\n"))
+            yield Block(first, strip_marks_of_text(strip_quotes(rest + b"\n") if quoted else rest + b"\n"))
 
     def _scan(self) -> None:
         """Count lines, keep the first and last ones, and try the encoding."""

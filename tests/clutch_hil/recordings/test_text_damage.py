@@ -21,7 +21,9 @@ from tests.clutch_hil.recordings.text_files import (
     MOST_SECONDS,
     ROWS,
     SPEED,
+    TIME,
     TORQUE,
+    TWO,
     assert_right,
     convert_run,
     find_refusal,
@@ -80,6 +82,24 @@ def test_a_cell_without_a_value_counts_as_missing(tmp_path: Path, word: str) -> 
 
 def test_a_missing_first_cell_is_no_comment(tmp_path: Path) -> None:
     assert "the time of torque_nm is not a number in row 9" in find_refusal(tmp_path, damage_line(11, "#N/A,0.1,27.25"))
+
+
+def test_a_last_row_that_was_cut_behind_a_delimiter_is_left_out(tmp_path: Path) -> None:
+    """Of numbers with decimals such a row is known by their number; these have none."""
+    text = "time,torque,gear\n" + "".join(
+        f"{time:.2f},{torque:.4f},4\n" for time, torque in zip(TIME, TORQUE, strict=True)
+    )
+    run = read(tmp_path, text[:-2], columns=TWO + 'gear_1 = { from = "gear", unit = "1" }\n')
+    assert len(run["gear_1"]) == ROWS - 1
+    assert "a row that was cut" in convert_run(run)
+
+
+def test_a_last_row_without_a_value_is_a_row_where_others_have_none(tmp_path: Path) -> None:
+    lines = make_table().splitlines()
+    lines[-5] = lines[-5].rpartition(",")[0] + ","
+    text = "\n".join([*lines[:-1], lines[-1].rpartition(",")[0] + ","])
+    run = read(tmp_path, text, "resample_hz = 100.0", TWO)
+    assert len(run["time_s"]) == ROWS
 
 
 @pytest.mark.parametrize("cut", [8, 9, 12, 19])  # in the last number, before it, in the one before, in the time
@@ -143,7 +163,7 @@ def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
         ),
         (
             make_table(times=[f"03/02/2025 {cell[11:]}" for cell in ISO]), "",
-            "set time_format = '%d/%m/%Y %H:%M:%S' or '%m/%d/%Y %H:%M:%S'",
+            "set time_format = '%d/%m/%Y %H:%M:%S' or '%m/%d/%Y %H:%M:%S' in",
         ),
         (make_table(times=[f"03.02.25 {cell[11:]}" for cell in ISO]), "",
          "does not tell which number is the year; set time_format"),

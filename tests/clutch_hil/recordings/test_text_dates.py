@@ -1,6 +1,7 @@
 """Dates, epochs and days in text files: the times of rows, and what could be misread."""
 
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,22 @@ def test_days_between_rows_are_those_of_the_dates(tmp_path: Path, second: str, d
     np.testing.assert_array_equal(one["time_s"], np.arange(20.0))
     np.testing.assert_array_equal(other["time_s"], gap + np.arange(20.0))
     assert "time: its days are those of 'date'" in convert_run(one)
+
+
+@pytest.mark.parametrize(
+    ("clock", "written"),
+    [("%I:%M:%S.%f %p", "%I:%M:%S %p"), ("%I:%M %p", "%I:%M %p"), ("%H:%M", "%H:%M"), ("%H:%M:%S.%f", "%H:%M:%S")],
+)
+def test_a_format_that_is_proposed_for_a_date_reads_it(tmp_path: Path, clock: str, written: str) -> None:
+    step = timedelta(minutes=1) if clock.count(":") == 1 else timedelta(seconds=0.01)
+    first = datetime(2024, 3, 5, 11, 59, 30)
+    text = make_table(times=[(first + row * step).strftime(f"%m/%d/%Y {clock}") for row in range(ROWS)])
+    told = find_refusal(tmp_path, text, columns=TWO)
+    proposed = f"%m/%d/%Y {written}"
+    assert f"or '{proposed}' in [file]" in told
+    np.testing.assert_allclose(
+        read(tmp_path, text, f"time_format = {proposed!r}", TWO)["time_s"], step.total_seconds() * np.arange(ROWS)
+    )
 
 
 @pytest.mark.parametrize("second", ["08:00:00", "17:00:00"], ids=["earlier", "later"])

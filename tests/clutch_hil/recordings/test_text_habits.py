@@ -209,3 +209,22 @@ def test_names_that_could_be_units_are_told_from_these(tmp_path: Path, header: s
     run = read(tmp_path, make_table(header=header), columns=columns)
     np.testing.assert_allclose(run["time_s"], TIME)
     np.testing.assert_allclose(run["torque_nm"], 1e3 * TORQUE)
+
+
+def quote_lines(text: str) -> str:
+    return "".join('"' + line.replace('"', '""') + '"\n' for line in text.splitlines())
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("header", ["time{0}torque{0}speed", '"time"{0}"torque"{0}"speed"'])
+@pytest.mark.parametrize("last", ["", "\n"])
+def test_lines_that_are_one_quoted_cell_are_read(tmp_path: Path, delimiter: str, header: str, last: str) -> None:
+    """As spreadsheets save a text that was opened in one column."""
+    text = quote_lines(make_table(delimiter, header=header.format(delimiter)))
+    assert_right(read(tmp_path, text.removesuffix("\n") + last))
+
+
+def test_a_quoted_column_with_a_decimal_comma_stays_one_column(tmp_path: Path) -> None:
+    text = quote_lines("torque\n" + "".join(f"{torque:.4f}\n".replace(".", ",") for torque in TORQUE))
+    columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { number = 1, unit = "Nm" }\n'
+    np.testing.assert_allclose(read(tmp_path, text, columns=columns)["torque_nm"], TORQUE, atol=1e-12)
