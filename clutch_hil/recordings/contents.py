@@ -1,5 +1,6 @@
 """Contents of a recording for the user: a table of its channels, and a draft of an import map."""
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from math import isfinite
@@ -17,6 +18,7 @@ from protocols.errors import InputError
 from protocols.files.runs import REQUIRED
 from protocols.files.units import contradict
 
+_DEVICE = re.compile(r"\\[^\\/]*:\d+$")  # behind a name of INCA: `torque\ETKC:1`
 _NO_UNIT = "  # the file states no known unit: set unit, and the ending of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
 _MOST_TEXTS = 100  # channels of text that a draft reads to see whether they are numbers
@@ -93,11 +95,12 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
         stem = hint_unit(channel.name)[0] if hinted else channel.name
         name = _choose_unused_name(_simplify_name(stem), end or "1", names)
         names.add(name)
-        entry = _make_reference(channel, recording) + _make_unit_entry(channel, hinted or "1")
+        entry = _make_reference(channel, recording)
+        entry += ', unit = "rpm"' if turns else _make_unit_entry(channel, hinted or "1")
         remark = "  # unit taken from its name" if hinted else "" if end else _NO_UNIT
         if turns:
-            entry += ', unit = "rpm"'
-            remark = f"  # {_format_comment(channel.unit)} in the file: turns, perhaps; else name it _hz, without unit"
+            written = _format_comment(channel.unit or hinted)
+            remark = f"  # {written} in the file: turns, perhaps; else name it _hz, without unit"
         if end == "bar" and is_absolute(channel):
             entry += f", offset = {offset_air(unit):.5g}"
             remark = "  # absolute, by its name or unit: the offset subtracts the air pressure"
@@ -191,7 +194,13 @@ def _find_clock(channels: Sequence[Channel]) -> Channel | None:
         lambda c: _simplify_name(c.name).startswith("time"),
         lambda c: _find_ending(simplify_unit(c.unit or _take_hint(c))) == "s",
     )
-    return next((channel for test in tests for channel in channels if test(channel)), None)
+    return next((channel for test in tests for channel in channels if test(channel) and not _is_other(channel)), None)
+
+
+def _is_other(channel: Channel) -> bool:
+    """Return whether a channel that is called as a time is something else: its unit is, or T, a torque or a temperature."""
+    ending = _find_ending(simplify_unit(channel.unit or _take_hint(channel)))
+    return channel.kind != "time" and (ending not in ("", "s") or (not ending and hint_unit(channel.name)[0] == "T"))
 
 
 def _find_rising(channels: Sequence[Channel], recording: Recording, as_stated: bool = False) -> Channel | None:
@@ -239,7 +248,7 @@ def _counts_turns(unit: str) -> bool:
 
 
 def _simplify_name(name: str) -> str:
-    last = name.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
+    last = _DEVICE.sub("", name).replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
     plain = [c for c in normalize("NFKD", last.lower().replace("ß", "ss")) if not combining(c)]  # removes accents
     words = "".join(c if c.isascii() and c.isalnum() else " " for c in plain).split()
     return "_".join(words)[:_LONGEST_NAME] or "column"

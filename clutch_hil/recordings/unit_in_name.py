@@ -14,7 +14,7 @@ _BRACKETED = re.compile(
 # Units in a name without brackets, behind a separator, or in brackets before its end
 _HINTED = (
     r"(?P<unit>[munµμ]s|(?i:rpm|psi|kpa|bar)|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|mbar|[mkc]?Nm|(?:ft|in)[_-]?lbf?|kN|mm|um|deg[CF]?|°[CF]"
-    r"|m[VA]|k?Hz)"
+    r"|m[VA]|k?Hz|min-1|min\^-1|min⁻¹|[1U]/min)"
 )
 _HINT = re.compile(rf"(?P<name>.+?)[ _/|:-]{_HINTED}")
 _WITHIN = re.compile(rf"(?:[ _/|:,-]|[\[(<{{]){_HINTED}(?=[ _/|:,-]|[\])>}}])")
@@ -22,6 +22,7 @@ _PER = re.compile(r"(rad|deg|km|m)_([sh])")
 # The same in names such as `speedRpm`, for times also in capitals, and as a complete name
 _CAMEL = re.compile(r"(?P<name>.*[a-z0-9])(?P<unit>Rpm|RPM|(?<![cdkm])Nm|KNm|KPa|Kpa|Bar|Psi|PSI)")
 _OF_TIME = re.compile(r"(?i:(?P<name>t|time|zeit|time_?stamp)[ _]?(?P<unit>m?sec|[mu]s))")
+_TIME_OVER_UNIT = re.compile(r"(?P<name>t|(?i:time|zeit))/(?P<unit>s|min|h)")  # DIN writes t/s; T is no time
 _WHOLE = {
     "rpm": "rpm", "millis": "ms", "micros": "us", "milliseconds": "ms", "microseconds": "us", "msec": "ms", "usec": "us",
     "ms": "ms", "us": "us", "knm": "kNm", "kpa": "kPa", "mbar": "mbar", "psi": "psi", "degf": "degF", "°f": "degF",
@@ -71,6 +72,8 @@ def hint_unit(name: str) -> tuple[str, str]:
         return name, whole
     if match := _OF_TIME.fullmatch(name):
         return match["name"], match["unit"].lower()
+    if match := _TIME_OVER_UNIT.fullmatch(name):
+        return match["name"], match["unit"]
     if match := _HINT.fullmatch(name) or _CAMEL.fullmatch(name):
         return match["name"], _write_unit(match["unit"])
     within = {_write_unit(match["unit"]) for match in _WITHIN.finditer(name)}

@@ -151,6 +151,8 @@ def find_headings(
     others_above = [line for number, line in enumerate(above) if number not in used]
     others_split = [split(line.text, delimiter) for line in others_above]
     listed = _find_listed_units(parts[0], parts[2], remarks, delimiter)
+    if any(row[0] == "X_Dimension" and "Time" in row for row in others_split if row):  # LabVIEW's .lvm
+        listed["X_Value"] = "s"
     return Headings(
         *parts[:2],
         [own or listed.get(name, "") for name, own in zip(parts[0], parts[2], strict=True)],

@@ -79,6 +79,33 @@ def test_a_frequency_for_a_speed_is_refused_with_a_unit_that_fits(tmp_path: Path
         np.testing.assert_allclose(run["speed_rad_s"], 2.0 * np.pi * SPEED, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("header", "time"),
+    [
+        ("T/Nm,t/s,n/min-1", "t/s"), ("T (Nm),t (s),n (1/min)", "t"), ("T,t,n/U/min", "t"), ("T/°C,Zeit/ms,n/1/min", "Zeit/ms"),
+        ("T [degC],t,n_rpm", "t"),
+    ],
+)  # fmt: skip
+def test_a_draft_takes_no_torque_and_no_temperature_for_the_time(tmp_path: Path, header: str, time: str) -> None:
+    """DIN and ISO write t/s and T/Nm."""
+    file = tmp_path / "recording.csv"
+    cells = zip(TORQUE, TIME, SPEED, strict=True)
+    file.write_text(make_rows(header, *(f"{torque:.4f},{time:.2f},{speed:.2f}" for torque, time, speed in cells)))
+    draft = draft_map(file, open_recording(file))
+    assert f'\ntime_s = {{ from = "{time}"' in draft
+    run = import_by(tmp_path, file, draft)
+    np.testing.assert_allclose(run["time_s"], TIME * (1e-3 if "ms" in time else 1.0), atol=1e-12)
+    np.testing.assert_allclose(run["n_rad_s"], RPM * SPEED, rtol=1e-12)
+
+
+def test_a_draft_names_a_signal_of_inca_and_not_its_device(tmp_path: Path) -> None:
+    file = tmp_path / "recording.csv"
+    file.write_text(make_table(header="time,torque\\ETKC:1,plant\\speed"))
+    draft = draft_map(file, open_recording(file))
+    assert "\ntorque_1 = " in draft
+    assert "\nspeed_1 = " in draft
+
+
 def test_a_draft_names_a_column_that_rises_as_a_time_perhaps(tmp_path: Path) -> None:
     """Hantek writes times without a name and a unit."""
     file = tmp_path / "scope.csv"

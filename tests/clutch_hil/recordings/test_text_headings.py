@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
@@ -333,6 +334,21 @@ def test_a_name_with_two_blanks_is_found_as_the_file_has_it(tmp_path: Path) -> N
     )
     columns = '[columns]\ntime_s = { from = "Time  1 - default sample rate" }\ntorque_nm = { from = "torque" }\n'
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["time_s"], TIME, atol=1e-12)
+
+
+def test_several_times_of_labview_are_seconds(tmp_path: Path) -> None:
+    """Which `X_Dimension` says: the columns that are called X_Value have no unit."""
+    head = (
+        "LabVIEW Measurement\t\nX_Columns\tMulti\n***End_of_Header***\t\nChannels\t2\t\t\t\nY_Unit_Label\tNm\t\trpm\t\n"
+    )
+    head += "X_Dimension\tTime\t\tTime\t\n***End_of_Header***\t\t\t\t\nX_Value\ttorque\tX_Value\tspeed\tComment\n"
+    columns = [format_all(values) for values in (TIME, TORQUE, 2.0 * TIME, SPEED)]
+    path = write_rows(tmp_path, head, "\t", *columns)
+    recording = open_recording(path)
+    torque, speed = (choose_channel(path, recording.channels, name) for name in ("torque", "speed"))
+    for signal, spread in zip(recording.read([torque, speed]), (1.0, 2.0), strict=True):
+        assert signal.time is not None
+        np.testing.assert_allclose(signal.time, spread * TIME, atol=1e-12)
 
 
 @pytest.mark.parametrize("index", ["time", "time [ms]"])
