@@ -41,7 +41,8 @@ from clutch_hil.recordings.checks.values import find_placeholder
 from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, convert_signal, find_unit, read_column
 from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, join
-from clutch_hil.recordings.time_axis import add_times, check_rate, count_rows, find_times_beside
+from clutch_hil.recordings.time_axis import add_times, check_rate, count_rows
+from clutch_hil.recordings.times_beside import find_times_beside, keep_rising
 from clutch_hil.recordings.wrapping import find_range
 from protocols.errors import InputError, name_file_in_errors, suggest_closest
 from protocols.files.run import Run
@@ -113,7 +114,7 @@ class ImportMap:
         _check_states(path, wanted)
         read = recording.read([*wanted, *beside.values()])
         signals = dict(zip(sources, read[: len(sources)], strict=True))
-        times = dict(zip(beside, read[len(sources) :], strict=True))
+        times = keep_rising(dict(zip(beside, read[len(sources) :], strict=True)))
         notes = list(recording.notes)
         if rate := self.columns["time_s"].rate_hz:
             signals["time_s"] = count_rows(signals, rate)

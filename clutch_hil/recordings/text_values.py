@@ -15,6 +15,7 @@ from clutch_hil.recordings.text.marks import tells_decimal
 from protocols.errors import InputError
 from protocols.files.arrow import from_texts
 
+_MOST_STATES = 32  # different words of a column of states
 _JUDGED = 1000  # values that tell what a column is, at the beginning and at the end
 
 
@@ -44,10 +45,10 @@ def convert_texts(path: Path, channel: Channel, texts: Sequence[str | None], not
 
     first = next((row for row, text in enumerate(samples) if not cells.is_missing(text)), 0)
     if kind.kind == "text" or kind.unit or not len(column):
+        remedy = "; set `states` in the map where its words stand for numbers" if _are_states(samples) else ""
         raise InputError(
             f"recording {path}: {channel.path!r} holds text{f', such as {show(samples[first])}' if samples else ''};"
-            " allowed are columns of numbers, also of numbers, times or on and off as text; set `states` in the map where its"
-            " words stand for numbers"
+            f" allowed are columns of numbers, also of numbers, times or on and off as text{remedy}"
         )
     if kind.time and kind.time.doubt:
         raise InputError(
@@ -78,3 +79,8 @@ def convert_texts(path: Path, channel: Channel, texts: Sequence[str | None], not
     mark = f", {cells.decimal!r} as decimal mark" if kind.kind == "number" else ""
     notes.append(f"{channel.path}: {'on and off' if kind.kind == 'status' else 'numbers'} as text{mark}")
     return Signal(replace(channel, kind=kind.kind), parsed.values)
+
+
+def _are_states(samples: Sequence[str | None]) -> bool:
+    """Return whether the samples are few words that come again and again."""
+    return len(set(samples)) <= min(_MOST_STATES, len(samples) // 2)

@@ -37,31 +37,6 @@ _LATE_SPANS = 100.0
 _SHORT_STEP = 2e-5  # s; no rig records torque at more than 50 kHz. As days it is 2 s
 
 
-def find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channel]) -> dict[str, Channel]:
-    """Return for columns in another group of the file than time_s the channel with the same name as time_s in their group.
-
-    Tools write `fast/time`, `fast/torque` and `slow/time`, `slow/speed`, also with equal numbers of rows.
-    """
-    clock = sources.get("time_s")
-    if not clock or clock.kind != "number" or not is_time_name(clock.name):
-        return {}
-    named = [one for one in channels if one.name == clock.name and one.kind == "number"]
-    times = {}
-    for name, channel in sources.items():
-        groups = [one for one in named if channel.path.startswith(_find_group(one))]
-        if not groups and channel.raster != clock.raster:  # a path has no group where the name is unique
-            groups = [one for one in named if one.raster == channel.raster]
-        nearest = max(groups, key=lambda one: len(_find_group(one)), default=clock)
-        if name != "time_s" and _find_group(nearest) != _find_group(clock) and nearest.rows == channel.rows:
-            times[name] = nearest
-    return times
-
-
-def _find_group(channel: Channel) -> str:
-    """Return the part of a path before the name, as `fast/` in `fast/time` and `fast/time [ms]`."""
-    return channel.path.rpartition(channel.name)[0]
-
-
 def count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
     """Return a time signal that counts rows at `rate` [Hz], for the raster of the first signal."""
     first = next(iter(signals.values()), Signal(Channel("", 0, ""), np.zeros(0)))

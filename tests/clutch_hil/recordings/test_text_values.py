@@ -132,3 +132,11 @@ def test_categories_are_the_numbers_that_the_map_gives_them(tmp_path: Path) -> N
     pq.write_table(pa.table({"time": TIME, "torque": TORQUE, "brake": words}), tmp_path / "a.parquet")
     run = import_by(tmp_path, tmp_path / "a.parquet", WORDS)
     np.testing.assert_array_equal(run["brake_1"], np.arange(len(TIME)) < 30)
+
+
+@each_format
+def test_words_that_come_again_are_told_to_be_states_perhaps(tmp_path: Path, write: Writer) -> None:
+    write(tmp_path / "a.rec", {"time": TIME, "torque": TORQUE, "brake": ["left", "right"] * (len(TIME) // 2)})
+    assert find_refusal(tmp_path, tmp_path / "a.rec", FLAG).endswith(
+        "; set `states` in the map where its words stand for numbers"
+    )

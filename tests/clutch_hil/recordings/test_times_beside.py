@@ -74,3 +74,45 @@ def test_columns_of_a_text_file_whose_times_are_called_alike_have_that_of_the_ma
     run = import_by(tmp_path, file, text.replace("fasttorque", "torque").replace("slowspeed", "speed"))
     np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
     assert not [note for note in run.metadata["import"]["done"] if "is next to it" in note]
+
+
+@pytest.mark.parametrize(
+    ("torque_time", "speed_time"),
+    [
+        ("torque_time", "speed_time"),
+        ("time_torque", "time_speed"),
+        ("torqueTime", "speedTime"),
+        ("t_torque", "t_speed"),
+    ],
+)
+@pytest.mark.parametrize("step", [1, 2], ids=["as many rows", "fewer rows"])
+def test_a_column_has_the_times_that_are_called_as_it(
+    tmp_path: Path, torque_time: str, speed_time: str, step: int
+) -> None:
+    file = tmp_path / "channels.mat"
+    slow = 2.0 * TIME[::step]
+    savemat(file, {"torque": np.sin(TIME), torque_time: TIME, "speed": 2.0 * slow, speed_time: slow})
+    text = map_groups("_").replace("fast_time", torque_time).replace("fast_torque", "torque")
+    run = import_by(tmp_path, file, text.replace("slow_speed", "speed"))
+    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
+    np.testing.assert_allclose(run["torque_nm"], np.sin(run["time_s"]), atol=1e-6)
+
+
+MATRICES = map_groups("").replace('"fasttime"', '"M(:,1)"').replace('"fasttorque"', '"M(:,2)"')
+MATRICES = MATRICES.replace('"slowspeed"', '"n(:,2)"')
+
+
+@pytest.mark.parametrize("step", [1, 2], ids=["as many rows", "fewer rows"])
+def test_a_column_has_the_times_in_the_first_column_of_its_matrix(tmp_path: Path, step: int) -> None:
+    """As CANape writes, and blocks of Simulink read them."""
+    file = tmp_path / "matrices.mat"
+    slow = 2.0 * TIME[::step]
+    savemat(file, {"M": np.column_stack([TIME, np.sin(TIME)]), "n": np.column_stack([slow, 2.0 * slow])})
+    run = import_by(tmp_path, file, MATRICES)
+    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
+
+
+def test_a_first_column_that_does_not_rise_is_no_time(tmp_path: Path) -> None:
+    file = tmp_path / "matrices.mat"
+    savemat(file, {"M": np.column_stack([TIME, np.sin(TIME)]), "n": np.column_stack([np.cos(9.0 * TIME), 2.0 * TIME])})
+    np.testing.assert_allclose(import_by(tmp_path, file, MATRICES)["speed_rad_s"], 2.0 * TIME, atol=1e-6)
