@@ -182,7 +182,7 @@ _SPELLINGS_OF_ANY_CASE = {
     "umdr/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "bar": "bar", "psi": "psi", "hpa": "hPa",
     "kpa": "kPa", "n-m": "Nm", "kn-m": "kNm", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sec.": "s",
     "sek": "s", "sek.": "s", "sekunden": "s", "msec": "ms", "prozent": "%", "percent": "%", "pct": "%", "lpm": "l/min",
-    "l/min": "l/min", "kg": "kg", "newton": "N", "newtonmeter": "Nm", "newton-meter": "Nm", "rad/s": "rad/s",
+    "l/min": "l/min", "kg": "kg", "newton": "N", "newtons": "N", "newtonmeter": "Nm", "newton-meter": "Nm", "rad/s": "rad/s",
     "degc": "degC", "deg.c": "degC", "deg_c": "degC", "degree celsius": "degC", "degrees celsius": "degC", "c°": "degC",
     "° c": "degC", "°c": "degC", "˚c": "degC", "degf": "degF", "deg f": "degF", "deg. f": "degF", "ºf": "degF",
     "°f": "degF", "℉": "degF", "fahrenheit": "degF", "kw": "kW", "knm": "kNm", "rev/s": "rps", "r/s": "rps", "u/s": "rps",

@@ -98,6 +98,11 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
         entry = _make_reference(channel, recording)
         entry += ', unit = "rpm"' if turns else _make_unit_entry(channel, hinted or "1")
         remark = "  # unit taken from its name" if hinted else "" if end else _NO_UNIT
+        if not end and unit not in ("", "1") and is_known(unit):
+            entry = f'{_make_reference(channel, recording)}, unit = "1", unit_from = "map"'
+            remark = (
+                f"  # in {_format_comment(channel.unit or hinted)}, for which no ending of a name exists: its numbers"
+            )
         if turns:
             written = _format_comment(channel.unit or hinted)
             remark = f"  # {written} in the file: turns, perhaps; else name it _hz, without unit"

@@ -353,7 +353,7 @@ def _split_cells(line: Line, widths: tuple[int, int], delimiter: str) -> list[st
 
 
 def _are_units(row: Sequence[str], known_as: Callable[[str], bool] = is_unit) -> bool:
-    """Whether the cells are units: more known ones than others, and these short; behind a label, of half of the columns.
+    """Whether the cells are units: more known ones than others, and these short; behind a label one, of half of the columns.
 
     known_as: whether a cell is a known unit.
     """
@@ -368,7 +368,11 @@ def _are_units(row: Sequence[str], known_as: Callable[[str], bool] = is_unit) ->
     if len(units) < len(given):  # the number of a channel before its name and unit is none
         units = [cell for cell in units if not cell.isdigit()]
     known = sum(cell == "1" or not _NUMBER.fullmatch(cell) for cell in units)
-    return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
+    return (
+        known > 0
+        and (_is_label(row[:1]) or 2 * known > len(given))
+        and all(len(cell) <= _LONGEST_UNIT for cell in given)
+    )
 
 
 def _find_listed_units(

@@ -98,6 +98,14 @@ def test_a_draft_takes_no_torque_and_no_temperature_for_the_time(tmp_path: Path,
     np.testing.assert_allclose(run["n_rad_s"], RPM * SPEED, rtol=1e-12)
 
 
+def test_a_draft_imports_a_quantity_for_which_runs_have_no_ending(tmp_path: Path) -> None:
+    file = tmp_path / "recording.csv"
+    file.write_text(make_table(header="time [s],torque [Nm],acceleration [g]"))
+    draft = draft_map(file, open_recording(file))
+    assert "# in g, for which no ending of a name exists" in draft
+    np.testing.assert_array_equal(import_by(tmp_path, file, draft)["acceleration_1"], SPEED)
+
+
 def test_a_draft_names_a_signal_of_inca_and_not_its_device(tmp_path: Path) -> None:
     file = tmp_path / "recording.csv"
     file.write_text(make_table(header="time,torque\\ETKC:1,plant\\speed"))

@@ -336,6 +336,12 @@ def test_a_name_with_two_blanks_is_found_as_the_file_has_it(tmp_path: Path) -> N
     np.testing.assert_allclose(import_by(tmp_path, path, columns)["time_s"], TIME, atol=1e-12)
 
 
+def test_units_behind_their_label_are_units_also_where_half_are_unknown(tmp_path: Path) -> None:
+    head = LABVIEW.replace("rpm", "turns of a crank")
+    path = write_rows(tmp_path, head, "\t", format_all(TIME), format_all(TORQUE), format_all(SPEED))
+    assert [channel.unit for channel in open_recording(path).channels[1:]] == ["Nm", "turns of a crank"]
+
+
 def test_several_times_of_labview_are_seconds(tmp_path: Path) -> None:
     """Which `X_Dimension` says: the columns that are called X_Value have no unit."""
     head = (
