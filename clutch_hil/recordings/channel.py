@@ -98,10 +98,10 @@ def simplify_unit(text: str) -> str:
     return _SPELLINGS.get(unit) or _SPELLINGS_OF_ANY_CASE.get(" ".join(unit.split()).lower(), unit)
 
 
-def _write_torque(arm: str, weight: str, other_weight: str, other_arm: str, mass: str, length: str) -> str:
+def _write_torque(arm: str, weight: str, other_weight: str, other_arm: str, length: str, other_length: str) -> str:
     """Return a torque unit as a product: imperial, or a weight in kg on an arm."""
-    if mass:
-        return f"kgf*{length}"
+    if length or other_length:
+        return f"kgf*{length or other_length}"
     force = "ozf" if (weight or other_weight).lower().startswith("o") else "lbf"
     return f"{'ft' if (arm or other_arm).lower().startswith('f') else 'in'}*{force}"
 
@@ -210,7 +210,9 @@ _GAUGE = re.compile(
 )
 _MARK = r"[\s.·⋅*×_-]?"  # between the factors of a product
 _ARM, _WEIGHT = r"(in|inch|ft|foot|feet)", r"(lbf?s?|pounds?|ozf?)"
-_TORQUE = re.compile(rf"(?i:{_ARM}{_MARK}{_WEIGHT}|{_WEIGHT}{_MARK}{_ARM})|(kgf?|kp){_MARK}(c?m)")
+_TORQUE = re.compile(
+    rf"(?i:{_ARM}{_MARK}{_WEIGHT}|{_WEIGHT}{_MARK}{_ARM})|(?:kgf?|kp){_MARK}(c?m)|(c?m){_MARK}(?:kgf?|kp)"
+)
 _PER = re.compile(r"(\w)[\s.·⋅*](s|min)(?:\^-1|-1|⁻¹)$")  # rad s-1
 # A degree sign in a wrong code page: UTF-8, DOS or Mac as cp1252, or replaced
 _DEGREE = re.compile("(?:Â°|[ø¡\ufffd])\\s?([CF])$")

@@ -35,6 +35,7 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"DIAEXTENDED", "the header of a DAT file of DIAdem", "save its channels as TDMS"),
     (rb"\*\*\*BUSMASTER", "a log of BUSMASTER", "save its frames as ASC"),
     (rb"(\xef\xbb\xbf)?Kvaser Memorator Log", "a log of Kvaser in CSV", "save its frames as ASC or BLF"),
+    (rb"# Logger type: CL[0-9]", "a log of CSS Electronics in text", "convert it to ASC or MF4 with the maker's tool"),
     (rb"\s*Chn\s+Identifier\s+Flg", "a log of Kvaser CanKing", "save its frames as ASC or BLF"),
     (rb"[0-9]+\.[0-9]+ [0-9]?[RT](11|29) [0-9A-Fa-f]+ ", "a log of OVMS (CRTD)", "save its frames as candump"),
     (rb"#ROSBAG|\x89MCAP", "a bag of ROS", "write its topics into CSV or Parquet"),

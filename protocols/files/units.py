@@ -27,8 +27,9 @@ _COUNTED_UNITS = ("counts/rev", "cycles")
 _MISLEADING = {
     "grad": "deg or gon", "Mbar": "mbar", "Mm": "mm", "Ms": "ms", "Grad": "deg", "MA": "mA", "MV": "mV",
 }  # fmt: skip
-# The same, only if it is the whole unit: 1e-3 Pa, mostly meant as MPa. In mPa s, a viscosity, it is correct
-_MISLEADING_ALONE = {"mPa": "MPa or Pa"}
+# The same, only if it is the whole unit: 1e-3 Pa, mostly meant as MPa, and in mPa s, a viscosity, correct; an angle, mostly
+# meant as a thousandth of an inch
+_MISLEADING_ALONE = {"mPa": "MPa or Pa", "mil": "thou or mrad"}
 _PRODUCT_DOTS = str.maketrans(dict.fromkeys("·⋅∙•×・･", "*"))
 # Units that are suggested for an unknown one
 _COMMON_UNITS = (

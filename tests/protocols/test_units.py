@@ -82,7 +82,7 @@ def test_a_unit_that_is_nearly_one_is_hinted_at() -> None:
     find_refusal(lambda: to_si(1.0, "Bar"), "unit 'Bar' is unknown; did you mean bar or mbar")
 
 
-@pytest.mark.parametrize("unit", ["Grad", "Grad/s", "grad", "Mbar", "Mm", "Ms", "kN*Mm", "MA", "MV", "mPa"])
+@pytest.mark.parametrize("unit", ["Grad", "Grad/s", "grad", "Mbar", "Mm", "Ms", "kN*Mm", "MA", "MV", "mPa", "mil"])
 def test_what_can_be_misread_is_refused_with_what_to_write(unit: str) -> None:
     find_refusal(lambda: to_si(1.0, unit), f"unit {unit!r} is not allowed", "can be misread; write")
 

@@ -62,6 +62,10 @@ FOREIGN = {
         b"Kvaser Memorator Log\n====\nTime,Channel,ID,Flags,DLC,Data0,Data1\n0.5,1,100,0,2,01,02\n",
         "a log of Kvaser in CSV: save its frames as ASC or BLF",
     ),
+    "cl2000.txt": (
+        b"# Logger type: CL2000\n# HW rev: 7.0\nTimestamp;Type;ID;Data\n05T100000010;0;100;0102\n",
+        "a log of CSS Electronics in text: convert it to ASC or MF4 with the maker's tool",
+    ),
     "frames.csv": (
         b"log of today\nBus,No,Time,ID,DLC,Data0,Data1\n1,1,0.01,256,2,1,2\n",
         "a table of the frames of a bus: save its frames as ASC, BLF or candump",

@@ -15,7 +15,7 @@ from protocols.files.units import to_si
         ("sec", "s"), ("--", "1"), ("bar(g)", "bar"), ("barg", "bar"), ("PSIG", "psi"), ("mBar", "mbar"), ("DegC", "degC"),
         ("°c", "degC"), ("deg F", "degF"), ("ft-lb", "ft*lbf"), ("Newtonmeter", "Nm"), ("Rad/s", "rad/s"), ("min-1", "1/min"),
         ("Â°C", "degC"), ("øC", "degC"), ("¡C", "degC"), ("\ufffdC", "degC"), ("Â° F", "degF"), ("1/Minute", "1/min"),
-        ("tr/mn", "rpm"), ("kp", "kgf"), ("%%", "%"), ("秒", "s"), ("N・m", "Nm"),
+        ("tr/mn", "rpm"), ("mkp", "kgf*m"), ("cm kg", "kgf*cm"), ("kp", "kgf"), ("%%", "%"), ("秒", "s"), ("N・m", "Nm"),
     ],
 )  # fmt: skip
 def test_spellings_of_tools_and_languages_are_known(written: str, unit: str) -> None:
