@@ -19,6 +19,7 @@ from protocols.files.runs import REQUIRED
 from protocols.files.units import contradict
 
 _DEVICE = re.compile(r"\\[^\\/]*:\d+$")  # behind a name of INCA: `torque\ETKC:1`
+_MOST_TRIED = 20  # channels that are read to find one that rises as a time
 _NO_UNIT = "  # the file states no known unit: set unit, and the ending of the name"
 _LONGEST_NAME = 60  # characters of a column's name in a draft
 _MOST_TEXTS = 100  # channels of text that a draft reads to see whether they are numbers
@@ -158,7 +159,8 @@ def _draft_time(clock: Channel | None, recording: Recording) -> str:
             remark = f"by the file, {_format_comment(str(stated[0]))}: check this"
             remark += f", as {_format_comment(other.name)} rises otherwise" if other else ""
             return f"{'# ' if other else ''}time_s = {{ rate_hz = {stated[0].rates[0]:.12g} }}  # {remark}"
-        if rising := _find_rising(recording.channels, recording):
+        tried = (_find_rising([channel], recording) for channel in recording.channels[:_MOST_TRIED])
+        if rising := next(filter(None, tried), None):
             return (
                 f'# time_s = {{ {_make_reference(rising, recording)}, unit = "s" }}  # no column has the name or unit of a'
                 " time; this one rises: set its unit, name another, or set rate_hz"

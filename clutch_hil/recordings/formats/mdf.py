@@ -18,7 +18,7 @@ from clutch_hil.recordings.foreign import NEEDS_DATABASE
 from clutch_hil.recordings.formats.bus_log import BusLogFormat
 from clutch_hil.recordings.state_names import note_names, note_other_numbers, says_no_value, take_names
 from clutch_hil.recordings.text_values import convert_texts
-from clutch_hil.recordings.unit_in_name import take_unit
+from clutch_hil.recordings.unit_in_name import is_unit, take_unit
 from protocols.errors import InputError, format_count
 from protocols.files.bounds import check_rows
 from protocols.files.mdf.mdf_conversions import TEXT
@@ -134,7 +134,7 @@ class MdfRecording:
 
     def _choose_kind(self, one: MdfChannel) -> str:
         """Kind of a channel. Numbers with a unit of which some have names stay numbers, as those of a DBC (value_tables.py)."""
-        if one.kind != "status" or one.bits == 1 or not _is_known(unit := simplify_unit(one.unit)) or unit in ("", "1"):
+        if one.kind != "status" or one.bits == 1 or simplify_unit(one.unit) in ("", "1") or not is_unit(one.unit):
             return one.kind
         return "number" if len(self._file.list_names(one)) < 1 << one.bits else one.kind
 

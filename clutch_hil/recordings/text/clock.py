@@ -126,6 +126,10 @@ _PLAIN = (
         rf"{_BEFORE}(?P<H>[0-9]{{1,4}}):(?P<M>[0-9]{{2}}):(?P<S>[0-9]{{2}})(?:[.,:;](?P<f>[0-9]{{1,9}}))?{_BEHIND}",
         "hours:minutes:seconds",
     ),
+    TimeFormat(  # of a duration, as .NET writes it: with days only where there are some
+        r"(?:(?P<D>[0-9]{1,5})\.)?(?P<H>[0-9]{2}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})(?:\.(?P<f>[0-9]{1,9}))?",
+        "days.hours:minutes:seconds",
+    ),
     TimeFormat(r"(?P<M>[0-9]{1,4}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})", "minutes:seconds"),
     TimeFormat(
         r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2})", "two numbers",

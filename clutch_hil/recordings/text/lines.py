@@ -108,7 +108,8 @@ class TextFile:
                 number = first + text.count(b"\n")
                 raise InputError(f"recording {self.path}: line {number} has more than {_MOST_LINE} bytes")
             if end:
-                quoted = are_quoted(text[: min(end, _HEAD)]) if quoted is None else quoted
+                if quoted is None:
+                    quoted = are_quoted(text[: text.rfind(b"\n", 0, _HEAD) + 1])
                 lines = strip_quotes(text[:end]) if quoted else text[:end]
                 yield Block(first, strip_marks_of_text(lines))
                 first += text.count(b"\n", 0, end)

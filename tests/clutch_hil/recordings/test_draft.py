@@ -125,6 +125,13 @@ def test_a_draft_names_a_column_that_rises_as_a_time_perhaps(tmp_path: Path) -> 
     np.testing.assert_allclose(run["time_s"], TIME, atol=1e-12)
 
 
+def test_a_draft_names_the_first_column_that_rises_wherever_it_stands(tmp_path: Path) -> None:
+    """pandas calls it axis1 in HDF5, FAMOS `torque_time`."""
+    file = tmp_path / "recording.parquet"
+    pq.write_table(pa.table({"remark": ["a", "b"] * 30, "torque": TORQUE, "axis1": TIME, "speed": SPEED}), file)
+    assert '\n# time_s = { from = "axis1", unit = "s" }' in draft_map(file, open_recording(file))
+
+
 def test_a_draft_makes_no_time_of_another_column(tmp_path: Path) -> None:
     file = tmp_path / "no time.csv"
     file.write_text(make_rows("position [mm],torque [Nm]", "0,1", "2,3", "4,5"), encoding="utf-8")

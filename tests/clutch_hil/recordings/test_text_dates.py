@@ -168,3 +168,10 @@ def test_durations_of_python_are_times(tmp_path: Path, write: Callable[[str], st
         for cell, t in zip(times, TIME, strict=True)
     ]
     assert_right(read(tmp_path, make_table(times=times)))
+
+
+def test_a_duration_of_net_goes_on_over_a_day(tmp_path: Path) -> None:
+    times = [f"{'1.' if row >= 30 else ''}{(23 + row // 30) % 24:02d}:{(row + 30) % 60:02d}:00" for row in range(ROWS)]
+    times[3] += ".5000000"
+    run = read(tmp_path, make_table(times=times), "resample_hz = 0.1", TWO)
+    assert (run["time_s"][0], run["time_s"][-1]) == (0.0, 60.0 * (ROWS - 1))
