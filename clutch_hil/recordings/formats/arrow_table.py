@@ -102,7 +102,7 @@ class ArrowRecording:
     def _check_long(self, asked: Sequence[Channel]) -> None:
         """Raise InputError where each row has the value of another signal, by a column of words that is not asked for."""
         numbers = {channel.number for channel in asked}
-        for channel in (channel for channel in self.channels if channel.number not in numbers):
+        for channel in (channel for channel in self.channels if channel.number in self._places.keys() - numbers):
             kind = self._find_type(channel)
             words_only = channel.kind == "text" or (pa.types.is_dictionary(kind) and channel.kind == "status")
             if words_only and can_name_signals(channel, self.channels):

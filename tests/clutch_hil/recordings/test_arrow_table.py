@@ -151,6 +151,7 @@ def test_an_index_of_pandas_that_is_not_stored_is_a_column(tmp_path: Path, write
     assert (index.name, index.unit) == ("time", "ms")
     for asked in ([index], [index, torque]):
         np.testing.assert_array_equal(recording.read(asked)[0].values, 500 + 10 * np.arange(ROWS))
+    np.testing.assert_array_equal(recording.read([torque])[0].values, np.sin(TIME))
 
 
 @pytest.mark.parametrize(
