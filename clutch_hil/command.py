@@ -24,12 +24,13 @@ import typer.core
 
 from clutch_hil.usage_error import describe_usage_error, find_empty_word
 from protocols.entry_points import comes_with_bench, find_package, list_points, load_point
-from protocols.errors import InputError, InterruptionError, describe_error
+from protocols.errors import InputError, InterruptionError
 from protocols.files.output_file import whole_file
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
 from protocols.moved_modules import describe_moves
 from protocols.realtime.stopping import list_heeded_signals
+from protocols.user_code import describe_error, find_user_line
 
 _REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one takes effect
 _LAST_STREAM = 2  # number of the standard error
@@ -366,18 +367,16 @@ def run_main(run: Callable[[], object]) -> None:
             _break_off()
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    except AttributeError as error:  # a user's rig calls functions when it is played
-        if not (names := describe_moves(error)):
-            raise
-        print(f"error: {error}{names}", file=sys.stderr)
-        sys.exit(2)
     except InterruptionError as interruption:
         print(f"interrupted: {interruption}", file=sys.stderr)
         sys.exit(INTERRUPTED)
-    except BaseException:  # a compiler or a library may turn _EndRequestedError into another exception
-        if not end_requested:
+    except BaseException as error:  # a compiler or a library may turn _EndRequestedError into another exception
+        if end_requested:
+            _break_off()
+        if not (isinstance(error, Exception) and (find_user_line(error) or describe_moves(error))):
             raise
-        _break_off()
+        print(f"error: {InputError(describe_error(error))}", file=sys.stderr)
+        sys.exit(2)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number in heeded:

@@ -3,10 +3,8 @@
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from protocols.errors import InputError, describe_error, join_names
-from protocols.moved_modules import describe_moves
-
-_OURS = ("protocols", "plant_sim", "rt_controller", "clutch_hil")  # packages of the bench
+from protocols.errors import InputError, join_names
+from protocols.user_code import OWN_PACKAGES, describe_error
 
 
 def list_entries(group: str) -> tuple[str, ...]:
@@ -24,7 +22,7 @@ def comes_with_bench(point: EntryPoint) -> bool:
 
     The package metadata are not read, which would take tens of ms.
     """
-    return point.module.partition(".")[0] in _OURS
+    return point.module.partition(".")[0] in OWN_PACKAGES
 
 
 def find_package(point: EntryPoint) -> str:
@@ -37,10 +35,8 @@ def load_point(point: EntryPoint, what: str) -> Any:
     try:
         return point.load()
     except (Exception, SystemExit) as error:  # a package of a user may raise anything
-        moves = describe_moves(error) if isinstance(error, Exception) else ""
         raise InputError(
-            f"{what} cannot be loaded from {point.value} of the package {find_package(point)}:"
-            f" {describe_error(error)}{moves}"
+            f"{what} cannot be loaded from {point.value} of the package {find_package(point)}: {describe_error(error)}"
         ) from None
 
 

@@ -49,12 +49,6 @@ def name_file_in_errors(kind: str, path: Path | None) -> Iterator[None]:
         raise InputError(f"{kind} {path}: {error}") from None
 
 
-def describe_error(error: BaseException) -> str:
-    """Return the type of another program's error and its text, on one line."""
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
-
-
 def join_names(names: object) -> str:
     """Return the names as a sorted, comma-separated list for an error message; `-` if there are none."""
     return ", ".join(sorted(map(str, names))) or "-"  # type: ignore[call-overload]

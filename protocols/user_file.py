@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from protocols.errors import InputError, describe_error
-from protocols.moved_modules import describe_moves
+from protocols.errors import InputError
+from protocols.user_code import describe_error
 
 
 def load_user_file(path: Path, group: str, what: str) -> ModuleType:
@@ -26,6 +26,5 @@ def load_user_file(path: Path, group: str, what: str) -> ModuleType:
         sys.modules.pop(name, None)  # it is incomplete
         if isinstance(error, InputError) or not isinstance(error, (Exception, SystemExit)):
             raise
-        moves = describe_moves(error, path) if isinstance(error, Exception) else ""
-        raise InputError(f"{what} cannot be loaded: {describe_error(error)}{moves}") from None
+        raise InputError(f"{what} cannot be loaded: {describe_error(error, path)}") from None
     return module

@@ -13,6 +13,7 @@ from clutch_hil.bench.recording import TORQUE_DEMAND, list_run_columns
 from protocols.can.frame_batch import make_batch
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
+from protocols.user_code import tell_node_failure
 from rt_controller.loop.node import ControllerNode
 
 _PROGRESS_INTERVAL = 500  # cycles between two calls of `progress`; Ctrl-C can also act at these calls
@@ -52,7 +53,15 @@ class Played:
 
 
 def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None = None) -> Played:
-    """Play the plant's profile to its end, with one controller per clutch. `progress(cycle)` is called from time to time."""
+    """Play the plant's profile to its end, with one controller per clutch. `progress(cycle)` is called from time to time.
+
+    Raises InputError, also for any error of a plant of a user's class.
+    """
+    with tell_node_failure(plant):
+        return _play(plant, controllers, progress)
+
+
+def _play(plant: Any, controllers: Sequence[Node], progress: Callable[[int], None] | None) -> Played:
     rows: list[list[np.ndarray]] = [[] for _ in (plant, *controllers)]
     commands = [0] * len(controllers)
     room = sum(len(node.outbox) for node in (plant, *controllers))

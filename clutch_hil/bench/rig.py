@@ -17,10 +17,10 @@ import numpy as np
 from clutch_hil.bench.judgement.measures import Columns, Measure
 from plant_sim.node.plant_rig import PlantRig
 from protocols.entry_points import list_entries, load_entry
-from protocols.errors import InputError, describe_error, suggest_closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.run import Run
-from protocols.moved_modules import describe_moves
 from protocols.renamed_methods import refuse_old_methods
+from protocols.user_code import describe_error
 
 GROUP = "clutch_hil.rigs"
 DEFAULT_RIG = "wet_clutch"  # rig of scenarios, runs and commands that name none
@@ -166,9 +166,7 @@ class Rig:
                 raise InputError(
                     f"the run has no column {lacking!r}, which {what} of the rig {self.name} needs"
                 ) from error
-            raise InputError(
-                f"rig {self.name}: {what} raises {describe_error(error)}{describe_moves(error)}"
-            ) from error
+            raise InputError(f"rig {self.name}: {what} raises {describe_error(error)}") from error
 
     def _guard(self, place: str) -> Callable[..., Any]:
         """Return the function or class at `place`; any error of a call is an InputError."""
@@ -194,8 +192,7 @@ class Rig:
         try:
             return resolve_name(place)
         except (Exception, SystemExit) as error:  # a user's module may raise anything
-            moves = describe_moves(error) if isinstance(error, Exception) else ""
-            raise InputError(f"rig {self.name}: {place} cannot be loaded: {describe_error(error)}{moves}") from None
+            raise InputError(f"rig {self.name}: {place} cannot be loaded: {describe_error(error)}") from None
 
 
 def list_rigs() -> tuple[str, ...]:

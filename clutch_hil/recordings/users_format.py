@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal
-from protocols.errors import InputError, describe_error
+from protocols.errors import InputError
+from protocols.user_code import describe_error
 
 _FORMAT = ("name", "keys", "order", "recognises", "open")  # members of `RecordingFormat`
 _RECORDING = ("channels", "numbers", "notes", "start", "read")  # members of `Recording`

@@ -14,8 +14,9 @@ import numpy as np
 
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.signals import CHANGEABLE, FIELDS, HOOKS, HYDRAULICS, RIG, SENSORS, SIGNALS, STACK, TORQUE
-from protocols.errors import InputError, describe_error
+from protocols.errors import InputError
 from protocols.files.units import to_si
+from protocols.user_code import describe_error
 
 _FIXED = "sensors_"  # fields of `c` that no law may change begin so
 _STEP = 1e-4  # s

@@ -11,8 +11,9 @@ from plant_sim.effects.dry_call import call_dry
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.none import NONE, NoEffect
 from plant_sim.effects.signals import HOOKS
-from protocols.errors import InputError, describe_error
+from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
+from protocols.user_code import describe_error
 
 
 class Table(NamedTuple):

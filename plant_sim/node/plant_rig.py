@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from protocols.can.two_clutches import CONTROLLERS
-from protocols.errors import InputError, describe_error
+from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
-from protocols.moved_modules import describe_moves
 from protocols.node import Column
 from protocols.renamed_methods import refuse_old_methods
 from protocols.telemetry.truth import reveals_truth
+from protocols.user_code import describe_error
 
 # Prefixes of columns that runs from before 26 and 28 November 2026 lack
 _LATER = ("actuators", "motor_torque_limit_nm")
@@ -93,9 +93,7 @@ class PlantRig:
         except InputError:
             raise
         except Exception as error:
-            raise InputError(
-                f"rig {self.name}: {field} raises {describe_error(error)}{describe_moves(error)}"
-            ) from error
+            raise InputError(f"rig {self.name}: {field} raises {describe_error(error)}") from error
 
     @property
     def controllers(self) -> dict[str, str | None]:

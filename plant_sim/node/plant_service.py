@@ -29,6 +29,7 @@ from protocols.realtime.stopping import Stop
 from protocols.telemetry.lab import read_bench_lab
 from protocols.telemetry.outlet import RING_ROWS, Outlet
 from protocols.telemetry.tuning import describe_parameter
+from protocols.user_code import tell_node_failure
 
 _ANSWER_TIMEOUT = 5.0  # s without an answer in lock-step after which the controller counts as dead
 _KERNEL_TICK = 1_000_000  # ns: timer tick of a Linux kernel at 1000 Hz; the ticks at 250 and 100 Hz are multiples
@@ -81,8 +82,8 @@ class PlantService:
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Run until SIGTERM or SIGINT or, in lock-step, until the end of the profile; return the summary.
 
-        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second plant or another
-        rate.
+        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second plant, another rate,
+        or any error of a node of a user's class.
         """
         session, notifier = make_session(), open_notifier()
         node = self._make_node(session)
@@ -108,12 +109,13 @@ class PlantService:
             try:
                 self._await_controller(node, port, outlet, stop, notifier)
                 notifier.say(f"simulates at {self.rate} Hz on {port.name}")
-                if self.lockstep:
-                    self._run_in_lockstep(node, line, outlet, beat, stop)
-                else:
-                    measured = Footprint()
-                    timing = self._run_in_real_time(node, line, outlet, beat, stop)
-                    footprint = measured.summarise()
+                with tell_node_failure(node):
+                    if self.lockstep:
+                        self._run_in_lockstep(node, line, outlet, beat, stop)
+                    else:
+                        measured = Footprint()
+                        timing = self._run_in_real_time(node, line, outlet, beat, stop)
+                        footprint = measured.summarise()
             finally:
                 notifier.stop()
                 with suppress(OSError):  # the bus is gone: other resources are closed all the same

@@ -11,8 +11,9 @@ import numpy as np
 
 from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values
 from plant_sim.effects.effect import Shape, Strength
-from protocols.errors import InputError, describe_error, join_names
+from protocols.errors import InputError, join_names
 from protocols.files.parameters import ParameterSet
+from protocols.user_code import describe_error
 
 _OURS = "clutch_hil."  # models that tests simulate in this way; any other is checked before a search
 _LIMITS_OF_OUTPUT = ("resolution", "beginning", "accuracy")

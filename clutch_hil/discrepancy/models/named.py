@@ -10,11 +10,12 @@ from clutch_hil.fitting.model import Columns, Completing, Demanding, Model, Part
 from clutch_hil.identify.recorded_runs.run_evidence import check_run_columns
 from clutch_hil.recordings.not_measured import find_source, read_not_measured
 from protocols.entry_points import list_entries, load_entry
-from protocols.errors import InputError, describe_error, suggest_closest
+from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
 from protocols.input_file import check_file
 from protocols.renamed_methods import refuse_old_methods
+from protocols.user_code import describe_error
 from protocols.user_file import load_user_file
 
 GROUP = "clutch_hil.models"

@@ -248,6 +248,27 @@ def test_a_node_of_ones_own_has_its_columns_and_the_same_plant(broken: str, tmp_
         np.testing.assert_array_equal(columns[name], values, name)
 
 
+OWN_STEPS = {  # what `PowerNode.show` does after its first line, and what is told of it
+    "raises": ("        1 / 0", "ZeroDivisionError: division by zero, in PowerNode.show of .*broken.py line [0-9]+$"),
+    "old name": ("        catalogue.effect", "AttributeError: .*effect is now plant_sim.effects.catalogue.find_effect"),
+    "answers nonsense": ("        return 'two'", "TypeError: "),  # raised by the bench
+}
+
+
+@pytest.mark.parametrize("wrong", OWN_STEPS.values(), ids=OWN_STEPS)
+@pytest.mark.parametrize("broken", [OWN_NODE], indirect=True)
+def test_a_node_that_fails_while_it_runs_is_told_with_its_class_and_line(
+    broken: str, wrong: tuple[str, str], tmp_path: Path
+) -> None:
+    step, sentence = wrong
+    file = tmp_path / "broken.py"
+    text = file.read_text(encoding="utf-8").replace("        row = dict(", f"{step}\n        row = dict(")
+    file.write_text(f"from plant_sim.effects import catalogue\n{text}", encoding="utf-8")
+    scenario = choose_scenario(None, {"out": tmp_path, "seconds": 0.6}, "broken")
+    with pytest.raises(InputError, match=f"the node PowerNode of .*broken.py raises {sentence}"):
+        Simulation(scenario).play(scenario.plant, 1)
+
+
 def test_a_rig_of_two_packages_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     metadata = tmp_path / "lab_rigs-1.0.dist-info"
     metadata.mkdir()

@@ -115,7 +115,7 @@ def test_a_model_from_before_the_move_is_told_where_things_are_now(tmp_path: Pat
     with pytest.raises(InputError) as refused:
         find_model(f"{tmp_path / 'mine.py'}:Mine")
     assert str(refused.value).endswith(
-        "No module named 'plant_sim.discrepancy'; plant_sim.discrepancy.model is now clutch_hil.fitting.model;"
+        "No module named 'plant_sim.discrepancy', in line 2; plant_sim.discrepancy.model is now clutch_hil.fitting.model;"
         " protocols.parameters is now protocols.files.parameters; protocols.runs is now protocols.files.runs"
     )
 
@@ -144,7 +144,7 @@ def test_a_file_that_gives_no_model_is_told_in_one_sentence(text: str, sentence:
 
 def test_a_model_that_looks_for_something_else_is_told_only_that(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("import no_such_module\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"No module named 'no_such_module'$"):
+    with pytest.raises(InputError, match=r"No module named 'no_such_module', in line 1$"):
         find_model(f"{tmp_path / 'mine.py'}:Mine")
 
 
