@@ -55,17 +55,19 @@ def make_lab(
     files = describe_roles([check_host(host) for host in hosts] or _LOCAL_HOSTS, operator, Authority(expires), expires)
     _write_all(folder, files)
     where = hosts[0] if hosts else "this machine only"
+    warnings = list(_warn_of_place(hosts[0])) if hosts else []
     lines = [f"read:    nothing; the bench is reached at {where}"]
     lines += [
         f"{'wrote:   ' if not i else '         '}{folder / (role + SUFFIX)}  {_USES[role]}"
         for i, role in enumerate(ROLES)
     ]
+    lines += [f"warning: {text}" for text in warnings]
     verdict = (
         f"3 files, to {expires:%Y-%m-%d %H:%M} UTC; the files contain private keys: give each file only to its user"
     )
     document = {
         "files": [str(folder / name) for name in names], "expires": expires.isoformat(), "hosts": list(hosts),
-        "operator": operator,
+        "operator": operator, "warnings": warnings,
     }  # fmt: skip
     return document, "\n".join(lines), verdict, True
 
@@ -176,6 +178,28 @@ def _name_this_machine() -> Iterator[str]:
         yield check_host(name)
     except InputError:
         return
+
+
+def _warn_of_place(host: str) -> Iterator[str]:
+    """Yield a warning where `host`, to which others connect, is not this machine. The files may be for another machine."""
+    try:
+        places = {(place[0], place[4][0]) for place in socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM)}
+    except OSError:
+        yield f"the name {host} is not known on this machine; others can connect only if it is known to them"
+        return
+    if not any(_has_address(family, str(address)) for family, address in places):
+        what = "address" if _is_address(host) else "name"
+        yield f"this machine does not have the {what} {host}; the bench can be reached there only on the machine that has it"
+
+
+def _has_address(family: socket.AddressFamily, address: str) -> bool:
+    """Return whether `address` is one of this machine, on which a socket can be bound."""
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as one:
+            one.bind((address, 0))
+    except OSError:
+        return False
+    return True
 
 
 def _is_address(host: str) -> bool:

@@ -287,6 +287,34 @@ def test_a_wrong_option_of_secure_is_one_sentence_and_writes_nothing(
     assert not (tmp_path / "lab").exists()
 
 
+@pytest.mark.parametrize(
+    ("host", "warnings"),
+    [
+        (
+            "192.0.2.7",
+            ["this machine does not have the address 192.0.2.7; the bench can be reached there only on the machine"],
+        ),
+        (
+            "2001:db8::7",
+            ["this machine does not have the address 2001:db8::7; the bench can be reached there only on the"],
+        ),
+        (
+            "no-such-bench.invalid",
+            ["the name no-such-bench.invalid is not known on this machine; others can connect only if"],
+        ),
+        ("127.0.0.1", []),
+        ("localhost", []),
+    ],
+)
+def test_a_host_that_is_not_this_machine_is_told(host: str, warnings: list[str], tmp_path: Path) -> None:
+    """TEST-NET-1 (RFC 5737), the prefix for documentation (RFC 3849) and .invalid (RFC 2606) belong to nobody."""
+    document, text, _, _ = make_lab(tmp_path, (host,), "ada", 1, overwrite=False)
+    assert len(document["warnings"]) == len(warnings)
+    for said, begin in zip(document["warnings"], warnings, strict=True):
+        assert said.startswith(begin)
+        assert f"warning: {said}" in text.splitlines()
+
+
 def test_a_file_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
     make_lab(tmp_path, (), "ada", 1, overwrite=False)
     viewer = tmp_path / "viewer.json"
