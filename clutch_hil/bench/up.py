@@ -288,7 +288,7 @@ class Session:
             raise
         plant, *controllers = self._take_rows()
         self._faults.play(plant[-1, 0] if len(plant) else None)
-        self._requests.answer(partial(answer_request, self._faults))
+        self._requests.answer(partial(answer_request, self._faults, end=self.duration))
         self.over = len(ended_services) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
         self.over = self.over or ("plant" in self._services.signalled and "plant" in ended_services)
         return [plant, *controllers]

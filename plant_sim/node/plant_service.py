@@ -97,6 +97,7 @@ class PlantService:
                 ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
                 about={
                     "rig": self.rig.name, "controllers": list(self.rig.controllers),
+                    "profile_end_s": self.profile.duration if self.profile else None,
                     "bus_faults": [] if self.lockstep else [describe_parameter(p, p.value) for p in PARAMETERS.values()],
                 },
             )  # fmt: skip

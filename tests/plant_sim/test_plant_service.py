@@ -125,6 +125,23 @@ def test_a_run_in_real_time_ends_with_the_last_frames(plant_service: ModuleType)
     assert scene.outlet[1]["about"]["bus_faults"]
 
 
+def test_the_end_of_the_profile_is_published(plant_service: ModuleType) -> None:
+    scene = Scene(plant_service, lockstep=False)
+    scene.run()
+    assert scene.outlet[1]["about"]["profile_end_s"] is None
+    object.__setattr__(scene.bench.service, "profile", SimpleNamespace(duration=12.0))
+    scene.run()
+    assert scene.outlet[1]["about"]["profile_end_s"] == 12.0
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_any_error_of_a_node_of_a_user_is_told_with_its_class(plant_service: ModuleType, lockstep: bool) -> None:
+    scene = Scene(plant_service, lockstep=lockstep, fails=TypeError("wrong"))
+    with pytest.raises(InputError, match=r"^the node SimpleNamespace of .*types.py raises TypeError: wrong$"):
+        scene.run()
+    assert list_known(scene)[-len(ENDED) :] == ENDED  # the valve is closed all the same
+
+
 def test_a_period_is_of_whole_nanoseconds(plant_service: ModuleType) -> None:
     scene = Scene(plant_service, lockstep=False, rate=7)
     scene.run()

@@ -88,11 +88,12 @@ def request_fault(bus: str | None, request: Mapping[str, Any]) -> dict[str, Any]
     return answered
 
 
-def answer_request(faults: BenchFaults, request: Mapping[str, Any]) -> dict[str, Any]:
+def answer_request(faults: BenchFaults, request: Mapping[str, Any], end: float = inf) -> dict[str, Any]:
     """Plan, end or list faults of a running bench as requested; return what was done. Raises InputError.
 
     request: {"process": service, "signal": text} or {"host_fault": name, "values": {..}}, with at most one of "at" [s of the
     run] and "after" [s from now], and at most one of "until" and "for" [s]; {"end": [name, ..]}; or {} to list active faults.
+    end: of the run [s].
     """
     if "end" in request:
         names = [str(name) for name in request["end"]] if isinstance(request["end"], list) else []
@@ -108,6 +109,8 @@ def answer_request(faults: BenchFaults, request: Mapping[str, Any]) -> dict[str,
     at = times["at"] if times["at"] is not None else now + (times["after"] or 0.0)
     if at < now:
         raise InputError(f"at is {at:g} s, but the run is already at {now:.3f} s; allowed are later times")
+    if at >= end:
+        raise InputError(f"at is {at:g} s, but the run ends at {end:g} s; allowed are earlier times")
     until = at + times["for"] if times["for"] is not None else inf if times["until"] is None else times["until"]
     if "process" in request:
         service = str(request["process"])

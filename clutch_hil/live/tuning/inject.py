@@ -1,7 +1,7 @@
 """`clutch-hil inject`: change effects, parameters and sensors of a running plant over zenoh, now or at a later time."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import zenoh
@@ -105,22 +105,35 @@ def run_injection(
     by = find_asker_name(router)
     with open_consumer_session(router) as session:
         bench = find_bench(session, bus, router)
-        _check_clutches(session, bench, values)
+        about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3) or {}
+        _check_clutches(about, bench, values)
         accepted = inject(session, bench, values, when, by)
+    warnings = list(_warn_of_end(about.get("profile_end_s"), accepted))
     lines = [f"read:    {format_count(len(values), 'value')} for the plant on {find_bus(bench)}"]
     lines += [f"{'wrote:   ' if not i else '         '}{describe_change(change)}" for i, change in enumerate(accepted)]
+    lines += [f"warning: {text}" for text in warnings]
     first = min(change["at"] for change in accepted)
     verdict = (
         f"{format_count(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant, requested by {by}"
     )
-    return {"bench": bench, "accepted": accepted, "by": by, "verdict": verdict}, "\n".join(lines), verdict, True
+    document = {"bench": bench, "accepted": accepted, "by": by, "warnings": warnings, "verdict": verdict}
+    return document, "\n".join(lines), verdict, True
 
 
-def _check_clutches(session: zenoh.Session, bench: str, values: Mapping[str, float]) -> None:
+def _warn_of_end(end: Any, accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a warning for changes that begin after the `end` of the plant's profile [s]; it is None without a profile."""
+    late = [change for change in accepted if isinstance(end, int | float) and change["at"] >= end]
+    if late:
+        yield (
+            f"{format_count(len(late), 'change')} at {late[0]['at']:g} s or later: the profile ends at {end:g} s, and so does"
+            " clutch-hil up; only a plant that was started alone continues"
+        )
+
+
+def _check_clutches(about: Mapping[str, Any], bench: str, values: Mapping[str, float]) -> None:
     """Raise InputError where `values` belong to a clutch, a or b, and the plant has only one."""
     named = [name for name in values if name.partition(".")[0] in CLUTCHES]
-    about = ask(session, Keys(bench, "plant").describe, check_description, attempts=3) if named else None
-    if about and len(about.get("controllers", CLUTCHES)) == 1:
+    if named and len(about.get("controllers", CLUTCHES)) == 1:
         raise InputError(
             f"{named[0]} names a clutch, but the plant on {find_bus(bench)} has only one: leave the name of the clutch out"
         )

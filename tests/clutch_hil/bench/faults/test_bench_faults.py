@@ -260,6 +260,8 @@ def test_a_request_plans_from_now_or_at_a_time_and_what_is_on_can_be_listed_and_
     [
         ({"process": "controller_b"}, "process is 'controller_b'; did you mean controller"),
         ({"process": "plant", "at": 9.0}, "at is 9 s, but the run is already at 10.000 s; allowed are later times"),
+        ({"process": "plant", "at": 12.0}, "at is 12 s, but the run ends at 12 s; allowed are earlier times"),
+        ({"process": "plant", "after": 90.0}, "at is 100 s, but the run ends at 12 s; allowed are earlier times"),
         ({"process": "plant", "at": 11.0, "after": 1.0}, "at and after were both given; only one of them is allowed"),
         ({"host_fault": "disk_full", "until": 11.0, "for": 1.0}, "until and for were both given"),
         ({"host_fault": "disk_full", "after": "soon"}, "after is 'soon'; allowed is a number of seconds"),
@@ -277,7 +279,7 @@ def test_a_request_that_cannot_be_meant_is_refused(
     request_: dict[str, object], sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(InputError, match=sentence):
-        answer_request(make_running(monkeypatch), request_)
+        answer_request(make_running(monkeypatch), request_, end=12.0)
 
 
 _WORDS = st.sampled_from(

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import zenoh
 
 from clutch_hil.bench.unseal import read_truth
 from clutch_hil.live.recording.bench_recording import record
+from clutch_hil.live.tuning import inject as module
 from clutch_hil.live.tuning.inject import describe_change, inject, list_planned, parse_values, read_state
 from clutch_hil.live.tuning.tune import request_parameters, set_parameters
 from plant_sim.node.injection import switch_on
@@ -115,6 +117,31 @@ def test_an_effect_goes_on_along_a_ramp_and_off_again_and_events_say_so(line: Li
     stages = [("accepted", there), ("accepted", back), ("started", there), ("ended", there), ("started", back)]
     assert events() == [*stages, ("ended", back)]
     assert line.read_state()["changed"] == []
+
+
+@pytest.mark.parametrize(
+    ("end", "at", "warned"),
+    [(12.0, 12.0, True), (12.0, 99.0, True), (12.0, 11.9, False), (None, 99.0, False)],
+)
+def test_a_change_after_the_end_of_the_profile_is_told(
+    end: float | None, at: float, warned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    change = {"name": LEVEL, "old": 1.0, "new": 0.8, "at": at, "ramp": 0.0, "row": 7, "unit": "1"}
+    for name, answer in {
+        "open_consumer_session": nullcontext(), "find_bench": "h/local:bench~1", "inject": [change],
+        "ask": {"profile_end_s": end},
+    }.items():  # fmt: skip
+        monkeypatch.setattr(module, name, lambda *_, answer=answer, **__: answer)
+    document, text, _, _ = module.run_injection({LEVEL: 0.8}, {"at": at}, None, None)
+    assert [f"warning: {said}" in text.splitlines() for said in document["warnings"]] == [True] * warned
+    if warned:
+        assert document["warnings"][0].startswith(
+            f"1 change at {at:g} s or later: the profile ends at 12 s, and so does"
+        )
+
+
+def test_a_bench_without_a_profile_says_so(line: Line) -> None:
+    assert line.ask("describe")["profile_end_s"] is None
 
 
 def test_a_parameter_is_listed_while_it_is_to_come_and_when_it_is_on(line: Line) -> None:
