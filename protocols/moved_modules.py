@@ -89,19 +89,22 @@ def describe_moves(error: Exception, path: Path | None = None) -> str:
     """
     if isinstance(error, AttributeError) and isinstance(error.obj, ModuleType):
         old = f"{error.obj.__name__}.{error.name}"
-        return f"; {old} is now {_NAMES[old]}" if old in _NAMES else ""
+        place = _NAMES.get(old) or _find_definition(error.obj.__name__, error.name or "")
+        return f"; {old} is now {place}" if place else ""
     if not isinstance(error, ImportError):
         return ""
     moves = {}
     lacking = re.match(r"cannot import name '(\w+)'", str(error))
     for module, name in _list_imports(path) if path else [(error.name or "", lacking[1] if lacking else None)]:
-        place = find_new_place(module)
-        if name and not place and not _is_file(module):
-            module, place = f"{module}.{name}", find_new_place(f"{module}.{name}")
+        old, place = module, find_new_place(module)
         if renamed := _NAMES.get(f"{place or module}.{name}"):
-            module, place = f"{module}.{name}", renamed
+            old, place = f"{module}.{name}", renamed
+        elif name and not place:
+            old = f"{module}.{name}"
+            place = None if _is_file(module) else find_new_place(old)
+            place = place or _find_definition(module, name)
         if place:
-            moves[module] = place
+            moves[old] = place
     if not moves and error.name and (place := find_new_place(error.name)):
         moves[error.name] = place
     return "".join(f"; {old} is now {new}" for old, new in moves.items())
@@ -133,6 +136,29 @@ def _find_by_file_name(module: str) -> str | None:
         if same_name:
             place = same_name[0].relative_to(root).with_suffix("").parts
             return ".".join((package, *place)) if len(same_name) == 1 else None
+    return None
+
+
+def _find_definition(module: str, name: str) -> str | None:
+    """Return the new name of what `module` of this project once had; None if it has it, or if no other module defines it.
+
+    The nearest folder with such a definition counts. A folder with the name of a former module prefers the module of that name.
+    """
+    package, *parts = module.split(".")
+    root = _find_folder(package)
+    if root is None or name.startswith("_") or _is_file(f"{module}.{name}"):
+        return None
+    home = root.joinpath(*parts)
+    own = home / "__init__.py" if home.is_dir() else home.with_suffix(".py")
+    if not own.is_file() or re.search(rf"\b{name}\b", own.read_text(encoding="utf-8")):
+        return None
+    defines = re.compile(rf"^(?:(?:def|class)\s+{name}\b|{name}\s*[:=])", re.MULTILINE)
+    for folder in (home, *home.parents[: len(parts)]) if home.is_dir() else home.parents[: len(parts)]:
+        files = [file for file in folder.rglob("*.py") if defines.search(file.read_text(encoding="utf-8"))]
+        files = [file for file in files if file.stem == folder.name] or files
+        if files:
+            place = files[0].relative_to(root).with_suffix("").parts
+            return ".".join((package, *place, name)) if len(files) == 1 else None
     return None
 
 

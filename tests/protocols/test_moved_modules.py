@@ -87,6 +87,36 @@ def test_a_renamed_function_is_told(old: str, tmp_path: Path) -> None:
     assert describe_moves(not_imported.value, file) == sentence
 
 
+MOVED_NAMES = {  # of modules that are folders now, and of modules that gave a part to another one
+    "clutch_hil.live.viewer.Viewer": "clutch_hil.live.viewer.viewer.Viewer",
+    "clutch_hil.live.viewer.WebViewer": "clutch_hil.live.viewer.viewer.WebViewer",
+    "clutch_hil.live.viewer.PAGE_PORT": "clutch_hil.live.viewer.viewer.PAGE_PORT",
+    "clutch_hil.live.monitor.watch": "clutch_hil.live.monitor.monitor.watch",
+    "protocols.errors.describe_error": "protocols.user_code.describe_error",
+    "clutch_hil.live.viewer._WINDOW_MEMORY": None,  # nobody was to import it
+    "clutch_hil.live.viewer.NoSuchThing": None,
+    "clutch_hil.commands.register": None,  # more than one module has it
+}
+
+
+@pytest.mark.parametrize(("old", "new"), MOVED_NAMES.items())
+def test_a_name_that_moved_out_of_its_module_is_told(old: str, new: str | None, tmp_path: Path) -> None:
+    module, _, name = old.rpartition(".")
+    if new:
+        place, _, moved = new.rpartition(".")
+        assert hasattr(import_module(place), moved)
+    sentence = f"; {old} is now {new}" if new else ""
+    file = tmp_path / "mine.py"
+    file.write_text(f"import {module}\nfrom {module} import {name}\nfrom protocols.errors import InputError\n", "utf-8")
+    with pytest.raises(ImportError) as not_imported:
+        exec(f"from {module} import {name}")
+    assert describe_moves(not_imported.value) == sentence
+    assert describe_moves(not_imported.value, file) == sentence
+    with pytest.raises(AttributeError) as lacking:
+        getattr(import_module(module), name)
+    assert describe_moves(lacking.value) == sentence
+
+
 def test_a_node_with_an_old_method_is_refused() -> None:
     class Old(PlantNode):
         def cycle(self, inbox: object, count: int) -> int:
