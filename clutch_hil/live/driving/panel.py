@@ -11,7 +11,9 @@ import sys
 import termios
 import time
 import tty
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import floor, log10
 from typing import TextIO
 
 from rich.console import Console, Group
@@ -32,11 +34,29 @@ from protocols.realtime.stopping import Stop
 
 _DRAW_CYCLES = RATE // 10  # cycles: 10 Hz, as often as the controller's status arrives
 _STATUS_DELAY = 0.3  # s, three status frames: an earlier status may belong to the previous request
-_BAR_WIDTH = 28  # characters
+_WIDTH, _LEAST_WIDTH = 80, 40  # characters of the box, and of the narrowest one that is not cut
+_BAR_WIDTH = 28  # characters, of a box of _WIDTH
+_STEPS = (
+    60,
+    52,
+    90,
+)  # from 0 to the highest torque, speed and pressure: 0.5 Nm, 0.5 rad/s and 0.05 bar on the shipped bench
+
+
+def round_step(limit: float, steps: int) -> float:
+    """Return the largest of 1, 2, 5, 10, ... and their decimal fractions with which `limit` takes at least `steps` steps."""
+    step = limit / steps * (1.0 + 1e-9)  # rounding of the division
+    decade = 10.0 ** floor(log10(step))
+    return next(digit * decade for digit in (5, 2, 1) if digit * decade <= step)
+
+
+_TORQUE, _SPEED, _PRESSURE = map(round_step, (TORQUE_LIMIT, SPEED_LIMIT, PRESSURE_LIMIT), _STEPS)
 _KEY_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
-    "up": (0.5, 0.0, 0.0), "down": (-0.5, 0.0, 0.0), "page up": (5.0, 0.0, 0.0), "page down": (-5.0, 0.0, 0.0),
-    "right": (0.0, 0.5, 0.0), "left": (0.0, -0.5, 0.0), "shift right": (0.0, 5.0, 0.0), "shift left": (0.0, -5.0, 0.0),
-    "+": (0.0, 0.0, 0.05), "-": (0.0, 0.0, -0.05),
+    "up": (_TORQUE, 0.0, 0.0), "down": (-_TORQUE, 0.0, 0.0),
+    "page up": (10 * _TORQUE, 0.0, 0.0), "page down": (-10 * _TORQUE, 0.0, 0.0),
+    "right": (0.0, _SPEED, 0.0), "left": (0.0, -_SPEED, 0.0),
+    "shift right": (0.0, 10 * _SPEED, 0.0), "shift left": (0.0, -10 * _SPEED, 0.0),
+    "+": (0.0, 0.0, _PRESSURE), "-": (0.0, 0.0, -_PRESSURE),
 }  # fmt: skip
 _CLOSING_KEYS = {"e": Request.ENGAGE, "p": Request.PRESSURE, "l": Request.LOCK}
 _SEQUENCES = {  # character sequences that a terminal sends for a key without a letter
@@ -47,10 +67,10 @@ _SEQUENCES = {  # character sequences that a terminal sends for a key without a 
 }  # fmt: skip
 _KEY = re.compile(r"\x1b\[[0-9;]*[A-Za-z~]|\x1bO.|[^\x1b]|\x1b(?![\[O]|$)", re.DOTALL)
 _HELP = (
-    "↑ ↓ 0.5 Nm   PgUp PgDn 5 Nm   ← → 0.5 rad/s   shift ← → 5 rad/s",
-    "+ - 0.05 bar   e engage: follow the torque   p the pressure   l lock",
-    "r release   i idle, acknowledge   space release now   q quit",
-)
+    f"↑ ↓ {_TORQUE:g} Nm", f"PgUp PgDn {10 * _TORQUE:g} Nm", f"← → {_SPEED:g} rad/s", f"shift ← → {10 * _SPEED:g} rad/s",
+    f"+ - {_PRESSURE:g} bar", "e engage: follow the torque", "p the pressure", "l lock",
+    "r release", "i idle, acknowledge", "space release now", "q quit",
+)  # fmt: skip
 
 
 @dataclass
@@ -152,7 +172,7 @@ def drive(bus: str, network: str | None = None) -> tuple[str, str, bool]:
                     panel.press(key, answer, now)
                 panel.react(answer, supervisor.explain_objection(), now)
                 if cycle % _DRAW_CYCLES == 0:
-                    live.update(draw_panel(panel, answer, port.name), refresh=True)
+                    live.update(draw_panel(panel, answer, port.name, live.console.width), refresh=True)
                 cycle += 1
             released = supervisor.release(panel.speed)
         seconds = time.monotonic() - began
@@ -162,9 +182,12 @@ def drive(bus: str, network: str | None = None) -> tuple[str, str, bool]:
     return text, verdict, released
 
 
-def draw_panel(panel: Panel, answer: Answer, bus: str) -> Box:
-    """Return the panel as a box of 80 columns."""
-    table = Table.grid(padding=(0, 2))
+def draw_panel(panel: Panel, answer: Answer, bus: str, terminal: int = _WIDTH) -> Box:
+    """Return the panel as a box of 80 columns, in a narrower `terminal` with shorter bars and without empty lines."""
+    width = min(max(terminal, _LEAST_WIDTH), _WIDTH)
+    wide = width == _WIDTH
+    inner = width - (6 if wide else 4)  # the border, and a space or two at each side
+    table = Table.grid(padding=(0, 2 if wide else 1))
     for style in (palette.DIM, "bold", "", ""):
         table.add_column(style=style)
     table.columns[1].justify = "right"
@@ -179,35 +202,50 @@ def draw_panel(panel: Panel, answer: Answer, bus: str) -> Box:
         ("oil temperature", answer.temperature, "degC", 150.0, "oil_temperature_degc"),
         ("friction level", answer.friction_level, "", 2.0, "controller_friction_level"),
     )
+    bar = _BAR_WIDTH if wide else inner - 33  # beside the longest name, -999.99, the longest unit, and spaces
     for name, value, unit, full, column in rows:
         number = "-" if value is None else f"{value:.2f}"
-        table.add_row(name, number, unit, draw_bar(value, full, _BAR_WIDTH, palette.choose_colour(column)))
-    state = Table.grid(padding=(0, 2))
-    for _ in range(3):
-        state.add_column(style=palette.DIM, min_width=8)
-        state.add_column(min_width=12)
-    state.add_row(
-        "request",
-        _format_badge(panel.request.name.lower()),
-        "phase",
-        _format_badge(answer.phase),
-        "fault",
-        _format_badge(answer.fault),
-    )
-    state.add_row(
-        "controller",
-        _format_badge(answer.controller),
-        "plant",
-        _format_badge(answer.plant),
-        "clutch",
-        _format_badge(answer.clutch),
-    )
-    message = Text(panel.message or " ", style=palette.NOTICE, no_wrap=True, overflow="ellipsis")
-    keys = Text("\n".join(_HELP), style=palette.DIM)
+        table.add_row(name, number, unit, draw_bar(value, full, bar, palette.choose_colour(column)))
+    states = {
+        "request": panel.request.name.lower(), "phase": answer.phase, "fault": answer.fault,
+        "controller": answer.controller, "plant": answer.plant, "clutch": answer.clutch,
+    }  # fmt: skip
+    if wide:
+        grids = [_make_grid(states, 3, 2, 8, 12)]
+    else:
+        last = {"clutch": states.pop("clutch"), "fault": states.pop("fault")}  # a fault may take two words
+        grids = [_make_grid(states, 2, 1), _make_grid(last, 2, 1)]
+    message = Text(panel.message or " ", style=palette.NOTICE, no_wrap=wide, overflow="ellipsis" if wide else "fold")
+    keys = Text("\n".join(_fill_lines(_HELP, inner)), style=palette.DIM)
+    gap = [Text()] if wide else []
     return Box(
-        Group(state, Text(), table, Text(), message, Text(), keys),
-        title=f"clutch-hil panel, {bus}", title_align="left", width=80, padding=(1, 2), border_style=palette.DIM,
+        Group(*grids, *gap, table, *gap, message, *gap, keys),
+        title=f"clutch-hil panel, {bus}", title_align="left", width=width, padding=(1, 2) if wide else (0, 1),
+        border_style=palette.DIM,
     )  # fmt: skip
+
+
+def _make_grid(states: Mapping[str, str | None], pairs: int, gap: int, name: int = 0, value: int = 0) -> Table:
+    """Return the states as rows of `pairs` of name and value. gap, and least widths of `name` and `value`: characters."""
+    grid = Table.grid(padding=(0, gap))
+    for _ in range(pairs):
+        grid.add_column(style=palette.DIM, min_width=name)
+        grid.add_column(min_width=value)
+    cells = [(Text(label), _format_badge(state)) for label, state in states.items()]
+    for first in range(0, len(cells), pairs):
+        grid.add_row(*(cell for pair in cells[first : first + pairs] for cell in pair))
+    return grid
+
+
+def _fill_lines(parts: Sequence[str], width: int) -> list[str]:
+    """Return lines of up to `width` characters of whole `parts`."""
+    lines: list[str] = []
+    for part in parts:
+        if lines and len(lines[-1]) + 3 + len(part) <= width:
+            lines[-1] += f"   {part}"
+        else:
+            lines.append(part)
+    return lines
 
 
 def _format_badge(name: str | None) -> Text:

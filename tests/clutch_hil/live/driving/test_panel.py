@@ -1,6 +1,7 @@
 """`clutch-hil panel` in a pseudo-terminal, with keys pressed, against a real controller and plant."""
 
 import fcntl
+import io
 import os
 import pty
 import re
@@ -14,8 +15,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from rich.cells import cell_len
+from rich.console import Console
 
-from clutch_hil.live.driving.panel import Panel
+from clutch_hil.live.driving.panel import Panel, draw_panel, round_step
 from clutch_hil.live.driving.supervisor import Answer
 from plant_sim.profiles.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.buses.bus import Port, open_bus
@@ -196,6 +199,39 @@ def test_without_a_terminal_one_sentence_is_told(local_bus: str) -> None:
     assert list_errors(errors) == [
         "error: the panel needs a keyboard, but the standard input is not a terminal; use clutch-hil demand"
     ]
+
+
+@pytest.mark.parametrize("width", [40, 41, 60, 79, 80, 200])
+def test_nothing_is_cut_in_a_narrow_terminal(width: int) -> None:
+    answer = Answer("inactive", "finalized", "slip control", "stale sensors", 1199.99, -999.99, 9.99, -249.99, 149.99)
+    panel = Panel(
+        request=Request.PRESSURE, message="not engaged: the clutch must be idle first (key i), its phase is fault"
+    )
+    console = Console(width=width, height=24, file=io.StringIO())
+    console.print(draw_panel(panel, answer, "local:clutch", width))
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert len(lines) <= 24
+    assert {cell_len(line) for line in lines} == {min(width, 80)}
+    text = " ".join(" ".join(line.strip("│ ") for line in lines).split())
+    assert "…" not in text
+    assert panel.message in text
+    for shown in (
+        "inactive",
+        "finalized",
+        "slip control",
+        "stale sensors",
+        "-249.99",
+        "rad/s",
+        "friction level",
+        "quit",
+        "━",
+    ):
+        assert shown in text, shown
+
+
+def test_a_step_of_a_key_is_a_round_number_that_fits_the_bench() -> None:
+    assert [round_step(limit, 60) for limit in (30.0, 48.0, 300.0, 1200.0)] == [0.5, 0.5, 5.0, 20.0]
+    assert [round_step(limit, 90) for limit in (4.5, 5.4, 27.0)] == [0.05, 0.05, 0.2]
 
 
 def test_demands_stay_within_the_limits() -> None:
