@@ -1,6 +1,7 @@
 """`clutch-hil frames`: list the frames of the bus and its worst-case load."""
 
 from pathlib import Path
+from shlex import quote
 
 import typer
 
@@ -102,9 +103,9 @@ def frames(
         lines.append(f"wrote:   {write}")
     if sized:
         lines.append(
-            f"next:    set {DATABASE}={path.absolute()} for every process of the bench, and {OWN_LIMITS} to a file with its"
-            " guard's limits, which begins as follows and also has motor_torque, slip_speed and pressure, the limits"
-            " of your rig"
+            f"next:    export {DATABASE}={quote(str(path.absolute()))} {OWN_LIMITS}=FILE, in every terminal of the bench; FILE"
+            " has the guard's limits: it begins as follows and also has motor_torque, slip_speed and pressure, the limits of"
+            " your rig"
         )
         lines += ["[guard]", *(f"{name} = {value:.10g}" for name, value in values.items())]
     fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]

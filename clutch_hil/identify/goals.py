@@ -9,6 +9,7 @@ Assumptions     intervals are not valid for a wrong fit. So the residual must be
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
@@ -127,7 +128,8 @@ class Progress:
         worst = max(identification.misfit.values())
         fits = worst <= GOOD_FIT
         if not fits:
-            open_.append(f"the residual is {worst:.3g} times its noise, allowed is {GOOD_FIT:g}")
+            shown = ceil(round(100.0 * worst, 6)) / 100.0  # 1.201 is not 1.2
+            open_.append(f"the residual is {shown:g} times its noise, allowed is {GOOD_FIT:g}")
         if not open_ and (self._last is None or not self._fits):
             open_.append("one more run must confirm it")
         elif not open_ and self._last is not None:

@@ -38,6 +38,7 @@ _SHOWN = 0.999  # quantile of the rows of a run: a peak of one or two samples is
 _STEP = 0.1  # step of the differences, in standard deviations of the parameter
 _SLOPE_STEP = 0.01  # bar to both sides, chosen: the maps are smooth over it
 _FILL = 1.0  # s, longest fill time, chosen: the shipped clutch takes 85 ms
+_MOST_EXPONENT = 700.0  # exp of it is 1e304, near the largest double: beta is 1 there
 _SAMPLE, _SUBSTEPS = 1e-3, 10  # s and -: sample and integration steps per sample of the simulated fill
 
 
@@ -105,7 +106,8 @@ def list_pressures(contact: float, highest: float) -> np.ndarray:
 
 def compute_maps(v: Values, pressure: np.ndarray) -> np.ndarray:
     """Compute M_C [Nm], C_v [Nm/(rad/s)^gamma] and beta [-], (3, n), at effective friction pressures (n,) [bar]."""
-    depth = np.exp(-(pressure - v["clutch.beta_onset"]) / v["clutch.beta_scale"])
+    below = (v["clutch.beta_onset"] - pressure) / v["clutch.beta_scale"]
+    depth = np.exp(np.minimum(below, _MOST_EXPONENT))
     return np.array([
         np.maximum(v["clutch.coulomb_slope"] * pressure + v["clutch.coulomb_intercept"], 0.0),
         np.maximum(v["clutch.viscous_slope"] * pressure + v["clutch.viscous_intercept"], 0.0),

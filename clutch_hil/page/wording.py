@@ -40,7 +40,10 @@ def format_fixed(value: float, decimals: int, power: int | None = None) -> str:
 
 
 def format_interval(value: float, ci95: tuple[float, float]) -> tuple[str, str, str]:
-    """Return a value and the ends of its 95 % interval, rounded to two digits of the interval's half-width."""
+    """Return a value and the ends of its 95 % interval, rounded to two digits of the interval's half-width.
+
+    A value that this would round to 0 has two digits of its own.
+    """
     low, high = ci95
     half = 0.5 * (high - low)
     if not (math.isfinite(half) and half > 0.0):
@@ -49,6 +52,8 @@ def format_interval(value: float, ci95: tuple[float, float]) -> tuple[str, str, 
     largest = max(abs(value), abs(low), abs(high))
     power = math.floor(math.log10(largest)) if largest > 0.0 else 0
     shown, below, above = (format_fixed(v, decimals, power) for v in (value, low, high))
+    if value and round(value, decimals) == 0.0:
+        shown = format_number(value, 2)
     return shown, below, above
 
 

@@ -145,7 +145,7 @@ def _check(parameters: ParameterSet) -> None:
         if low.value >= high.value:
             raise InputError(
                 f"parameter {lower} = {low.value:g} {low.unit} is not below {higher} = {high.value:g} {high.unit}; the clutch"
-                " could not be filled, or would count as open while it is closed"
+                " could not be filled, or would count as open while it is closed: change one of them"
             )
     if parameters["driveline.ratio_a"].value == parameters["driveline.ratio_b"].value:
         same = parameters["driveline.ratio_a"].value

@@ -105,6 +105,8 @@ def test_parameters_that_contradict_each_other_are_refused(node: ModuleType) -> 
         with written(f"{text}\n") as path, pytest.raises(InputError) as refused:
             NodeBench(node, parameters_file=path)
         assert sentence in str(refused.value)
+        if "is not below" in sentence:
+            assert str(refused.value).endswith("would count as open while it is closed: change one of them")
 
 
 def test_two_gears_must_differ(node: ModuleType) -> None:

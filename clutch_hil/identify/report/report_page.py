@@ -124,7 +124,8 @@ def _make_parameter_section(calibration: Calibration) -> Section:
     picture = make_figure(
         draw_parameters(calibration.parameters),
         "identified parameters over the values stated before",
-        "Each parameter with its 95 % interval (thick), over the value that was stated before.",
+        "Each parameter with its 95 % interval (thick), over the value that was stated before. An arrow marks an interval that"
+        " goes on.",
     )
     text = (
         "Values stated before are those of the rig's parameter file, with one standard deviation (±) where it has one."

@@ -14,6 +14,7 @@ from clutch_hil.page.figures import compute_envelope, page_figure, render_png
 from clutch_hil.page.wording import format_axis_label, format_unit
 
 _ROW = 0.24  # inch, height of a parameter's row
+_WIDE = 2.0  # stated values, width of an interval that shows nothing of its parameter: 100 % to each side
 FAR = 2.0  # ratio to the stated value above which percent are hard to read
 _STAMP = re.compile(r"^\d{8}-\d{6}-")  # time of recording at the beginning of a run's name
 _MOST_LETTERS = 18  # longest name of a run in a picture
@@ -21,11 +22,15 @@ _BAND = 2.0  # multiples of the noise that contain 95 % of a white residual
 
 
 def draw_parameters(parameters: Sequence[Identified]) -> bytes:
-    """Draw each parameter with its 95 % interval relative to its stated value; on a logarithmic axis if one is far from it."""
+    """Draw each parameter with its 95 % interval relative to its stated value; on a logarithmic axis if one is far from it.
+
+    An interval wider than the stated value is cut at the edge of the picture, with an arrow: it would hide all others.
+    """
     shown = [p for p in parameters if p.declared != 0.0 and p.unit != "degC"]
     ratios = [tuple(v / p.declared for v in (p.interval[0], p.value, p.interval[1])) for p in shown]
     far = any(not 1.0 / FAR < value < FAR for _, value, _ in ratios)
-    logarithmic = far and all(min(one) > 0.0 for one in ratios)
+    ends = [end for low, value, high in ratios for end in ((low, value, high) if high - low <= _WIDE else (value,))]
+    logarithmic = far and min(ends) > 0.0
     with page_figure(1.1 + _ROW * len(shown)) as figure:
         axes, stated = figure.subplots(), 1.0 if logarithmic else 0.0
         if logarithmic:
@@ -34,10 +39,14 @@ def draw_parameters(parameters: Sequence[Identified]) -> bytes:
             axes.xaxis.set_major_formatter(FuncFormatter(lambda ratio, _: f"{ratio:g}"))
             axes.xaxis.set_minor_formatter(NullFormatter())
         for y, one in enumerate(ratios):
-            low, value, high = one if logarithmic else (100.0 * (ratio - 1.0) for ratio in one)
+            cut = [min(max(ratio, min(ends)), max(ends)) for ratio in one]
+            low, value, high = cut if logarithmic else (100.0 * (ratio - 1.0) for ratio in cut)
             axes.plot([stated, value], [y, y], color=DEMAND, lw=0.7, zorder=1)
             axes.plot([low, high], [y, y], color=TRUE, lw=3.0, solid_capstyle="butt", zorder=2)
             axes.plot(value, y, "|", color=TRUE, ms=9, mew=2.0, zorder=3)
+            for end, at, arrow in ((0, low, "<"), (2, high, ">")):
+                if cut[end] != one[end]:
+                    axes.plot(at, y, arrow, color=TRUE, ms=7, clip_on=False, zorder=3)
         axes.axvline(stated, color=DEMAND, lw=1.0)
         axes.set_yticks(range(len(shown)), [p.name for p in shown])
         axes.set_ylim(len(shown) - 0.4, -0.6)

@@ -108,6 +108,9 @@ def test_the_command_writes_such_a_database(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert written.read_bytes() == (folder / "own.dbc").read_bytes()
     assert "[guard]\nmotor_range = 393.216\npressure_range = 10\ndata_key = " in done.stdout
+    spaced = folder / "my rig.dbc"
+    told = play(folder, "frames", "--torque", "300", "--write", str(spaced), **{DATABASE: "", OWN_LIMITS: ""})
+    assert f"export {DATABASE}='{spaced}' {OWN_LIMITS}=FILE, in every terminal" in told.stdout  # as a shell takes it
     larger = ("--torque", "400", "--write", str(written), "--overwrite")
     again = play(folder, "frames", *larger, **{DATABASE: str(written), OWN_LIMITS: "not_there_yet.toml"})
     assert again.returncode == 0, again.stderr

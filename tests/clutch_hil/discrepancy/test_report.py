@@ -397,6 +397,8 @@ def test_interval_has_two_digits_of_its_half_width():
         "5.64 · 10⁻⁶",
     )
     assert format_interval(12345.0, (11000.0, 13700.0)) == ("12300", "11000", "13700")
+    assert format_interval(10.94, (-37000.0, 37000.0)) == ("11", "−37000", "37000")  # it is not 0
+    assert format_interval(0.0, (-0.4, 0.4)) == ("0.00", "−0.40", "0.40")
 
 
 def test_column_is_spoken_without_its_unit():

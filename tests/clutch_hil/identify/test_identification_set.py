@@ -102,6 +102,7 @@ def test_two_that_disagree_are_a_false_minimum() -> None:
     [
         (make_identification(half=WIDE), "V_S ± 50 % (goal 10 %)"),
         (make_identification(misfit=1.6), "the residual is 1.6 times its noise, allowed is 1.2"),
+        (make_identification(misfit=1.201), "the residual is 1.21 times its noise, allowed is 1.2"),
         (make_identification(without="clutch.attraction"), "C not identified (goal 10 %)"),
     ],
 )

@@ -49,6 +49,15 @@ def test_maps_above_the_pressures_of_the_runs_are_extrapolated() -> None:
     assert all(one.endswith("bar, extrapolated") for one in at[3:])
 
 
+@pytest.mark.parametrize("beta_inf", [0.704, 1.0])
+def test_a_narrow_stribeck_onset_overflows_nothing(beta_inf: float) -> None:
+    """Pressures far below the onset, in scales of it: exp(1000) is no double, and 0 times infinity is no number."""
+    values = VALUES | {"clutch.beta_inf": beta_inf, "clutch.beta_onset": 12.0, "clutch.beta_scale": 0.01}
+    with np.errstate(over="raise", invalid="raise"):
+        _, _, beta = compute_maps(values, np.array([2.0, 11.0]))
+    assert beta.tolist() == [1.0, 1.0]
+
+
 @pytest.mark.parametrize("highest", [-1.0, 2.3, 4.2, 4.39])
 def test_maps_are_at_the_pressures_of_the_thesis(highest: float) -> None:
     assert list_pressures(2.35, highest) == pytest.approx([2.7, 2.8, 2.9, 3.0, 3.2, 3.4, 3.6, 3.8, 4.0, 4.2])
