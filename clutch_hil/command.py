@@ -221,12 +221,12 @@ class _OneSentence:
         """See typer: read the options of this command."""
         if bad := find_empty_word((info_name or "clutch-hil", *args)):
             raise InputError(f"{bad} is empty; give a value, or leave it out")
-        with _usage_errors_as_sentences():
+        with _usage_errors_as_sentences(lambda: info_name or "clutch-hil"):
             return super().make_context(info_name, args, *positional, **extra)  # type: ignore[misc]
 
     def invoke(self, ctx: Any) -> Any:
         """See typer: run this command; for a group, also read the options of its sub-command."""
-        with _usage_errors_as_sentences():
+        with _usage_errors_as_sentences(lambda: " ".join(filter(None, (ctx.command_path, ctx.invoked_subcommand)))):
             return super().invoke(ctx)  # type: ignore[misc]
 
 
@@ -239,11 +239,11 @@ class Commands(_OneSentence, typer.core.TyperGroup):
 
 
 @contextmanager
-def _usage_errors_as_sentences() -> Iterator[None]:
+def _usage_errors_as_sentences(find_command: Callable[[], str]) -> Iterator[None]:
     try:
         yield
     except _UsageError as error:
-        raise InputError(describe_usage_error(error)) from None
+        raise InputError(describe_usage_error(error, find_command())) from None
 
 
 def make_application() -> typer.Typer:

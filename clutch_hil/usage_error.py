@@ -20,8 +20,11 @@ _PLAIN = {
 _EXTRA_WORD = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*?)\)")
 
 
-def describe_usage_error(error: Any) -> str:
-    """Return one sentence that names the wrong option or argument, and its value where typer provides it."""
+def describe_usage_error(error: Any, command: str) -> str:
+    """Return one sentence that names the wrong option or argument, and its value where typer provides it.
+
+    command: that was typed, where the error does not name it.
+    """
     what = " ".join(error.format_message().split()).rstrip(".?").replace(". Did you mean", "; did you mean")
     causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
     if causes:
@@ -31,7 +34,7 @@ def describe_usage_error(error: Any) -> str:
         if str(given).startswith("--") and error.ctx:  # typer takes an unknown option for the value of an argument
             what = f"No such option: {given}; {_suggest_option(str(given), error.ctx.command)}"
     what = _EXTRA_WORD.sub(r"Unexpected word: \1", what)
-    command = error.ctx.command_path if error.ctx else "clutch-hil"
+    command = error.ctx.command_path if error.ctx else command
     return f"{command}: {what[0].lower()}{what[1:]}; {command} --help shows what is allowed"
 
 

@@ -22,6 +22,7 @@ from e2e.crc import calculate_crc16
 from protocols.can.database import read_data_id, read_database, read_text
 from protocols.can.version import DATA_ID
 from protocols.errors import InputError
+from protocols.files.units import RPM
 
 DATABASE = "CLUTCH_HIL_DATABASE"
 SHIPPED = Path(__file__).with_name("clutch_rig.dbc")
@@ -116,9 +117,11 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
         ("pressure", pressure, PRESSURE, _LARGEST[2], "bar"),
     ):  # fmt: skip
         if not least <= value <= most:
-            smaller = f"; for a smaller rig use {least:g} {unit}" if 0.0 < value < least else ""
+            hint = f"; for a smaller rig use {least:g} {unit}" if 0.0 < value < least else ""
+            if name == "speed" and most < value <= most / RPM:
+                hint = f"; {value:g} 1/min are {value * RPM:.4g} rad/s"
             raise InputError(
-                f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}{smaller}"
+                f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}{hint}"
             )
     size, frame, lines = Size(torque / SENSOR_TORQUE, speed / SPEED, pressure / PRESSURE), "", []
     data_key = compute_key(size)

@@ -87,6 +87,10 @@ def test_who_asks_for_less_than_the_shipped_frames_carry_is_told_that_they_do() 
 
 @pytest.mark.parametrize("speed", [32.0, 251.0, nan])
 def test_speeds_that_no_bench_has_are_refused(speed: float) -> None:
+    with pytest.raises(InputError, match=r"250 rad/s; 900 1/min are 94\.25 rad/s$"):
+        write_sized_text(speed=900.0)
+    with pytest.raises(InputError, match=r"allowed speeds are 32\.768 to 250 rad/s$"):
+        write_sized_text(speed=2400.0)
     with pytest.raises(InputError, match=r"rad/s is not possible; allowed speeds are 32\.768 to 250 rad/s"):
         write_sized_text(60.0, speed)
 
