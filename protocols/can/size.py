@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Iterator
 from functools import cache
-from math import isclose
+from math import isclose, pi
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +22,6 @@ from e2e.crc import calculate_crc16
 from protocols.can.database import read_data_id, read_database, read_text
 from protocols.can.version import DATA_ID
 from protocols.errors import InputError
-from protocols.files.units import RPM
 
 DATABASE = "CLUTCH_HIL_DATABASE"
 SHIPPED = Path(__file__).with_name("clutch_rig.dbc")
@@ -37,6 +36,7 @@ SENSOR_TORQUE = 50.0  # Nm, range of the shipped torque channels, both signs
 SPEED = 32.768  # rad/s, range of the shipped speed demands, both signs
 PRESSURE = 10.0  # bar, range of the shipped pressure channel
 # Nm: the largest motor of janssens2010.toml; rad/s: the guard's at 50 Hz; bar: the highest supply of janssens2010.toml
+_RPM = pi / 30.0  # rad/s, 1/min (2 pi rad in 60 s)
 _LARGEST = 2000.0, 250.0, 60.0
 _SAME = 1e-9  # of a factor
 # Bits of a key. Data IDs of the bench have bits 14 and 15 set and 11 to 13 clear, so that no data ID of a size equals that of
@@ -118,8 +118,8 @@ def write_sized_text(torque: float = SENSOR_TORQUE, speed: float = SPEED, pressu
     ):  # fmt: skip
         if not least <= value <= most:
             hint = f"; for a smaller rig use {least:g} {unit}" if 0.0 < value < least else ""
-            if name == "speed" and most < value <= most / RPM:
-                hint = f"; {value:g} 1/min are {value * RPM:.4g} rad/s"
+            if name == "speed" and most < value <= most / _RPM:
+                hint = f"; {value:g} 1/min are {value * _RPM:.4g} rad/s"
             raise InputError(
                 f"a bench of {value:g} {unit} is not possible; allowed {name}s are {least:g} to {most:g} {unit}{hint}"
             )
