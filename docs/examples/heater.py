@@ -27,9 +27,8 @@ class Heater:
 
     name = "heater"
     inputs = ("heater_power_w",)
-    outputs = (
-        Output("temperature_degc", "degC", block="element", resolution=0.05),
-    )  # 0.05 degC: the sensor's data sheet
+    # 0.05 degC: the sensor's data sheet
+    outputs = (Output("temperature_degc", "degC", block="element", resolution=0.05),)
     parameters = ParameterSet({
         p.name: p
         for p in (

@@ -2,9 +2,8 @@
 
 from protocols.errors import InputError
 
-MOST_BYTES = (
-    1 << 30
-)  # of memory for one recording: a fifth of the free memory of a small laptop; 24 h at 1 kHz of one column fit
+# Bytes of memory for one recording: a fifth of the free memory of a small laptop; 24 h at 1 kHz of one column fit
+MOST_BYTES = 1 << 30
 MOST_ROWS = 50_000_000  # of one column: 14 h at 1 kHz; with 8 bytes a value and one working copy that is 0.8 GB
 _COPIES = 3  # of a column that exist at once while it is filtered and resampled
 

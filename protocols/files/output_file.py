@@ -20,9 +20,8 @@ from protocols.input_file import check_name
 _SUFFIX = ".part"
 _HIDDEN = f".{'[a-z0-9_]' * 8}{_SUFFIX}"  # pattern of the folders that `tempfile` names
 _UNLOCKED = 60.0  # s, longest time from creating a folder to locking it: younger folders are not removed
-_found_free: set[Path] = (
-    set()
-)  # paths that did not exist when checked and must not be replaced: they must still be free at the end
+# Paths that did not exist when checked and must not be replaced: they must still be free at the end
+_found_free: set[Path] = set()
 
 
 @contextlib.contextmanager

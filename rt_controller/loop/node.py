@@ -17,7 +17,7 @@ from protocols.can.two_clutches import CLUTCHES, CONTROLLERS, OFFSET, SHARED, fi
 from protocols.can.words import make_frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
-from rt_controller.guard.allowed_limits import check_limits
+from rt_controller.guard.allowed_limits import check_limits, check_speed
 from rt_controller.guard.layout import LAYOUT_VALUES, check_layout
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
 from rt_controller.guard.limits import make_guard_limits
@@ -189,6 +189,7 @@ class ControllerNode:
         self._drives = clutch != "b"
         check_layout(DBC, load_frames(), select_layout_values(limits))
         _check_speeds(limits, load_frames()["MOTOR_COMMAND"])
+        check_speed(limits, rate)
         self.frames = frames = load_frames(clutch=clutch or "a")
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]

@@ -41,13 +41,8 @@ LETTER_RMS = 0.012
 RESTS = 8
 SETTLED = 0.01  # of the gap asked for: strengths are sought to 1 % of the difference
 SAMPLED = 0.02  # of the gap as recorded: 120000 samples of noise, measured below 0.006
-SLOW = (
-    "temperature_sensor_lag",
-    "torque_sensor_leakage",
-    "cooling_flow",
-    "coulomb_temperature",
-    "friction_fade",
-)  # seen over whole runs
+# seen over whole runs
+SLOW = ("temperature_sensor_lag", "torque_sensor_leakage", "cooling_flow", "coulomb_temperature", "friction_fade")
 FOLDER = Path(cases.__file__).parent
 
 

@@ -40,7 +40,7 @@ def test_limits_that_protect_from_nothing_are_refused(allowed_limits: ModuleType
             "the guard's limit guard.data_key has 2577.5; allowed is the whole number of the",
         ),
         ("pressure", {"unit": "kPa"}, "the guard's limit guard.pressure is in 'kPa'; it is needed in bar"),
-        ("motor_torque", {"value": -1.0}, "the guard's limit guard.motor_torque has -1 Nm; allowed are 0 to 2000 Nm"),
+        ("motor_torque", {"value": -1.0}, "the guard's limit guard.motor_torque has -1 Nm; allowed are 0 to 3500 Nm"),
         ("temperature", {"unit": "K"}, "the guard's limit guard.temperature is in 'K'; it is needed in degC"),
         ("stale_cycles", {"value": float("nan")}, "the guard's limit guard.stale_cycles has nan cycles; allowed are"),
         ("voltage", None, "the guard has no limit guard.voltage; it is needed in V, 0.1 to 9.9998"),
@@ -70,7 +70,7 @@ def test_a_range_ends_where_that_of_the_shipped_limit_does(allowed_limits: Modul
                 allowed_limits.check_limits(limits)
         for end in (low, high):
             limits = make_limits()
-            limits["guard.motor_range"].value, limits["guard.pressure_range"].value = 2700.0, 60.0
+            limits["guard.motor_range"].value, limits["guard.pressure_range"].value = 4600.0, 60.0
             limits[name].value = end
             allowed_limits.check_limits(limits)
 
@@ -90,6 +90,20 @@ def test_a_limit_of_the_motor_that_no_command_exceeds_is_refused(allowed_limits:
                 allowed_limits.check_limits(limits)
         else:
             allowed_limits.check_limits(limits)
+
+
+def test_a_slip_at_which_the_angle_wraps_between_two_samples_is_no_limit(allowed_limits: ModuleType) -> None:
+    for speed, rate, refused in (
+        (31.4, 50, False), (250.0, 50, False), (250.1, 50, True), (1000.0, 200, False), (1000.0, 199, True),
+    ):  # fmt: skip
+        limits = make_limits()
+        limits["guard.slip_speed"].value = speed
+        if refused:
+            sentence = rf"guard\.slip_speed has {speed:g} rad/s; at {rate} Hz allowed is up to {5 * rate:g} rad/s"
+            with pytest.raises(InputError, match=sentence):
+                allowed_limits.check_speed(limits, rate)
+        else:
+            allowed_limits.check_speed(limits, rate)
 
 
 def test_a_pressure_at_the_end_of_its_channel_is_no_limit(allowed_limits: ModuleType) -> None:

@@ -36,11 +36,8 @@ _DRAW_CYCLES = RATE // 10  # cycles: 10 Hz, as often as the controller's status 
 _STATUS_DELAY = 0.3  # s, three status frames: an earlier status may belong to the previous request
 _WIDTH, _LEAST_WIDTH = 80, 40  # characters of the box, and of the narrowest one that is not cut
 _BAR_WIDTH = 28  # characters, of a box of _WIDTH
-_STEPS = (
-    60,
-    52,
-    90,
-)  # from 0 to the highest torque, speed and pressure: 0.5 Nm, 0.5 rad/s and 0.05 bar on the shipped bench
+# Steps from 0 to the highest torque, speed and pressure: 0.5 Nm, 0.5 rad/s and 0.05 bar on the shipped bench
+_STEPS = 60, 52, 90
 
 
 def round_step(limit: float, steps: int) -> float:

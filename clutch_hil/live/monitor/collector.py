@@ -22,11 +22,12 @@ STALL_SECONDS = 0.5  # s without a row after which a service counts as stalled; 
 POINTS = 30  # characters of a sparkline: three per second
 _CHANGES = 3  # parameter changes that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
+# columns by their names on a rig with a single clutch
 _SHOWN = (
     {q.column for q in QUANTITIES}
     | {f"controller_{name}" for name in ("phase", "request", "fault", "supervisor")}
     | {clutch_state.COLUMN}
-)  # columns by their names on a rig with a single clutch
+)
 
 
 class _RecentRows:

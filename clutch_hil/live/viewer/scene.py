@@ -38,10 +38,8 @@ _STACK = 2.65  # end of the rod at rest, where the first gap begins
 _PLATES, _THICKNESS = 3, 0.16  # friction plates, each between two steel plates
 _BORE = 1.5  # radius of the cylinder
 
-_SCALE, _HEIGHTS = (
-    0.65,
-    (1.3, -1.4),
-)  # for two clutches: their size, and the heights of a and b, which fill the same view
+# For two clutches: their size, and the heights of a and b, which fill the same view
+_SCALE, _HEIGHTS = 0.65, (1.3, -1.4)
 
 
 class Scene:

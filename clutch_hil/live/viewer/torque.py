@@ -131,9 +131,8 @@ class TorqueError:
             while len(self._demands) > 1 and self._demands[1].rig[0] <= times.rig[0]:
                 self._demands.popleft()
             demand_rows = _DemandRows(*(np.concatenate(parts) for parts in zip(*self._demands, strict=True)))
-            held = (
-                np.searchsorted(demand_rows.rig, times.rig, side="right") - 1
-            )  # newest cycle that knew no later sample
+            # newest cycle that knew no later sample
+            held = np.searchsorted(demand_rows.rig, times.rig, side="right") - 1
             known = np.flatnonzero(held >= 0)
             answered = _DemandRows(*(part[held[known]] for part in demand_rows))
             self._canvas.send(self._true_path, times[known], make_scalar_columns(answered.compute_error(true[known])))

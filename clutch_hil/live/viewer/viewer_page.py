@@ -28,19 +28,10 @@ _PIECE = 65_536  # bytes of data passed on at once
 _MOST_QUESTION = 1 << 20  # bytes of a request to rerun's data; usual requests have some hundred
 MOST_CONNECTIONS = 64  # each has a thread; a browser opens six and one for its stream. Further ones are closed at once
 _COOKIE = "clutch_hil_token"
-_FORWARDED_HEADERS = (
-    "Content-Type",
-    "Content-Encoding",
-    "Content-Length",
-    "rerun-final-length",
-)  # headers of a response
-_ASKED_HEADERS = (
-    "Content-Type",
-    "Accept",
-    "X-Grpc-Web",
-    "X-User-Agent",
-    "Grpc-Timeout",
-)  # of a request to rerun's data
+# Headers of a response
+_FORWARDED_HEADERS = ("Content-Type", "Content-Encoding", "Content-Length", "rerun-final-length")
+# Headers of a request to rerun's data
+_ASKED_HEADERS = ("Content-Type", "Accept", "X-Grpc-Web", "X-User-Agent", "Grpc-Timeout")
 _REMOTE_LINKS = re.compile(rb'<link[^>]*"https://[^>]*>|<script[^>]*"https://[^>]*></script>')
 # A software renderer blocks the browser's only thread for a second in each frame; a pause [ms] lets it receive messages.
 _PAUSE_SCRIPT = (

@@ -173,9 +173,8 @@ def find_delay(measured: np.ndarray, predicted: np.ndarray, period: float, most:
     r = np.where(spread > 0.0, cross / np.where(spread > 0.0, spread, 1.0), 0.0)
     inside = r[1:-1]
     peaks = 1 + np.flatnonzero((inside >= r[:-2]) & (inside >= r[2:]) & (inside > r.max() - _AS_GOOD))
-    best = (
-        int(peaks[np.argmin(np.abs(peaks - shifts))]) if len(peaks) else int(np.argmax(r))
-    )  # of a period, the nearest
+    # of a period, the nearest
+    best = int(peaks[np.argmin(np.abs(peaks - shifts))]) if len(peaks) else int(np.argmax(r))
     if r[best] < _LEAST_CORRELATION or best in (0, 2 * shifts):  # at the end of the search it is no maximum
         return None
     gains = 1.0 - r[best] ** 2 < _BETTER * (1.0 - max(r[shifts], 0.0) ** 2)

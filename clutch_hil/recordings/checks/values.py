@@ -16,10 +16,8 @@ from protocols.errors import format_count
 MOVES = 10.0  # floors, peak to peak: a prediction that moves by more must show in the channel, whatever its sensor
 MARGIN = 0.05  # of the width between limits: noise and offset of a sensor at its end
 SPAN_FACTOR = 100.0  # times the span: strokes of 0.01 to 100 times it occur on rigs of a kind; a wrong prefix is 1000
-_TOLD_SPAN = (
-    1.0 / 30.0,
-    4.0,
-)  # of an input's span, told outside: inch for m is 39; chosen, a rig of the model moves as it does
+# Shares of an input's span, told outside: inch for m is 39; chosen, a rig of the model moves as it does
+_TOLD_SPAN = (1.0 / 30.0, 4.0)
 _FROZEN = 0.5  # s of equal values: noise of an amplifier never leaves a converter on one step for 500 samples in motion
 _FROZEN_MOVE = 0.2  # of its whole movement: what the prediction moves, or is off, beside a frozen stretch
 # Turns of direction, as a share of the steps: white noise has two thirds; a simulated torque, which follows a controlled

@@ -51,10 +51,11 @@ _ZONES = {
     "WET": 0, "WEST": 1, "CET": 1, "CEST": 2, "MEZ": 1, "MESZ": 2, "EET": 2, "EEST": 3, "EST": -5, "EDT": -4, "PST": -8,
     "PDT": -7, "JST": 9, "KST": 9,
 }  # fmt: skip
+# Zone of a time; Java adds [Europe/Berlin]
 _ZONE = (
     rf"(?:\s*(?P<z>Z|z|(?:UTC|GMT)[+-][0-9]{{1,2}}(?::?[0-9]{{2}})?|UTC|GMT|[+-][0-9]{{2}}(?::?[0-9]{{2}})?|{'|'.join(_ZONES)})"
     r"(?:\[[A-Za-z_/]+\])?)?"
-)  # Java adds [Europe/Berlin]
+)
 _CLOCK = rf"(?:(?:T|,?\s+|_){_HMS}{_ZONE})?"
 _NAME = r"(?P<b>[A-Za-zäéû]{3,10})\.?"
 _YEAR, _MONTH, _DATE = r"(?P<Y>[0-9]{4})", r"(?P<m>[0-9]{1,2})", r"(?P<d>[0-9]{1,2})"

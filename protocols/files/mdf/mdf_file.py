@@ -20,13 +20,8 @@ from protocols.files.mdf.mf4_frames import holds_frames
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
-MASTERS = (
-    "unknown",
-    "time",
-    "angle",
-    "distance",
-    "index",
-)  # quantity of an MDF 4 master channel, by its number in the file
+# Quantity of an MDF 4 master channel, by its number in the file
+MASTERS = ("unknown", "time", "angle", "distance", "index")
 _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4 = 2, 3, 6  # MDF 4: types of a channel
 _MASTER_3 = 1  # MDF 3: type of a channel
 _VALUE_TYPES_4 = (0, _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4)  # those that hold one value a row

@@ -23,10 +23,8 @@ _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
 _FD_BYTES = 64  # of data in a row
 _MAY_BE_INVALID = 2  # flag of a channel of MDF 4
 _BYTES, _MOST_BITS = 6, 64  # lowest data type of MDF 4 that is not a number; bits of a number
-_BUS_EVENT, _PLAIN_BUS_EVENT = (
-    2,
-    4,
-)  # flags of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose import costs a second
+# Flags of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose import costs a second
+_BUS_EVENT, _PLAIN_BUS_EVENT = 2, 4
 # Structures of frames in ASAM MDF bus logging, and their members
 _FRAME = re.compile(
     r"(CAN_(Data|Remote|Error|Overload)Frame|LIN_(Frame|WakeUp|Spike|LongDom|\w+Error)"

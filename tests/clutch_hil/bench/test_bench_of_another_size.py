@@ -123,7 +123,7 @@ def test_the_command_writes_such_a_database(folder: Path) -> None:
         ),
         (
             ("--torque", "30", "--write", "small.dbc"),
-            "a bench of 30 Nm is not possible; allowed torques are 50 to 2000 Nm",
+            "a bench of 30 Nm is not possible; allowed torques are 50 to 3500 Nm",
         ),
         (("--torque", "300", "--write", str(written)), "written.dbc exists already"),
     ):

@@ -76,15 +76,16 @@ def test_its_converters_are_no_effect(larger: Identification) -> None:
 
 
 def test_a_motor_that_no_clutch_has_is_refused() -> None:
-    sentence = "motor_torque_nm is up to .* Nm; allowed are motors of 2000 Nm: check the unit"
+    sentence = "motor_torque_nm is up to .* Nm; allowed are motors of 3500 Nm: check the unit"
     with pytest.raises(InputError, match=sentence):
         identify_clutch([play_larger("stribeck_staircase", 5, 1e3)])
 
 
 def test_a_torque_that_no_clutch_has_is_refused() -> None:
-    sentence = r"the torque at sliding plates rises by .* allowed is 0\.1 to 500: check the units"
+    """Such as N cm."""
+    sentence = r"the torque at sliding plates rises by .* allowed is 0\.1 to 1000: check the units"
     with pytest.raises(InputError, match=sentence):
-        identify_clutch([play_larger("stribeck_staircase", 5, 60.0)])
+        identify_clutch([play_larger("stribeck_staircase", 5, 100.0)])
 
 
 def test_without_its_calibration_a_larger_clutch_is_to_be_identified() -> None:

@@ -41,12 +41,8 @@ from rt_controller.loop.node import load_controller_parameters
 
 SEED = 3
 PLAYED = ("stribeck_a", "stribeck_b", "dynamics", "hand_over")
-MAPS, SHAPES, CONTACT, INERTIA = (
-    0.02,
-    0.10,
-    10.0,
-    0.02,
-)  # of the issue for one clutch: relative, relative, mbar, relative
+# of the issue for one clutch: relative, relative, mbar, relative
+MAPS, SHAPES, CONTACT, INERTIA = 0.02, 0.10, 10.0, 0.02
 ROAD = 0.02  # of vehicle and rolling resistance: as of the motor's inertia
 LEAST_INSIDE = 0.85  # of 61 intervals of 95 % of one rig: fewer than 52 have a probability below 1e-3
 GUARD, HIGHEST = 31.4, 4.5  # rad/s and bar that no course may ask for

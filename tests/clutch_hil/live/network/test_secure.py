@@ -195,10 +195,8 @@ def test_a_certificate_of_the_right_authority_must_hold_now_and_have_a_role(
     files = describe_roles(["127.0.0.1"], "ada", authority, now + timedelta(days=1))
     begins = {"expired": -3, "not yet": 1}.get(fault, -1)
     ends = {"expired": -1, "not yet": 2}.get(fault, 1)
-    authority._begins, authority._expires = (
-        now + timedelta(hours=begins),
-        now + timedelta(hours=ends),
-    )  # of what it signs now
+    # of what it signs now
+    authority._begins, authority._expires = (now + timedelta(hours=begins), now + timedelta(hours=ends))
     visitor = describe_roles(
         ["127.0.0.1"], "mallory" if fault == "no role" else "ada", authority, now + timedelta(days=1)
     )
