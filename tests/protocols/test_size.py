@@ -163,7 +163,7 @@ def test_a_smaller_bench_is_refused(tmp_path: Path) -> None:
         before, line, after = text.partition(f"SG_ {signal} :")
         text = before + line + after.replace(f"({factor},0)", f"({0.5 * float(factor)!r},0)", 1)
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"its torques are 0\.5 times the shipped ones; allowed are 1 to 40"):
+    with pytest.raises(InputError, match=r"its torques are 0\.5 times the shipped ones; allowed are 1 to 70"):
         read_size(path)
 
 

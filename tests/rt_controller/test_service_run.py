@@ -44,7 +44,7 @@ class Scene(ServiceBench):
             count_receptions=lambda: "receptions", count_strays=lambda: "strays", describe_claim=lambda: "claim",
         )  # fmt: skip
         for name, value in {
-            "make_session": self.note("session", 9), "trigger": self.note("choose", self.note("trigger", "begins")),
+            "make_session": self.note("session", 9), "find_trigger": self.note("choose", self.note("trigger", "begins")),
             "open_notifier": lambda: self.notifier, "ControllerNode": self.note("node", self.node),
             "Clock": self.note("clock", self.clock),
             "choose_waiting": lambda spin, period: ("waiting", spin, period),

@@ -94,7 +94,7 @@ def test_work_is_no_torque(tmp_path: Path) -> None:
     assert "'work' for torque_nm is in 'kJ', which cannot be converted into 'Nm'" in find_refusal(
         tmp_path, path, torque
     )
-    assert 'work_1 = { from = "work", unit = "1" }' in draft_map(path, open_recording(path))
+    assert 'work_1 = { from = "work", unit = "1", unit_from = "map" }' in draft_map(path, open_recording(path))
 
 
 def test_one_time_in_two_units_is_no_second_table(tmp_path: Path) -> None:
