@@ -4,6 +4,7 @@ run on mutants (tests/mutation). The cycle is made up (node_bench.py)."""
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -204,9 +205,15 @@ def test_period_rate_and_session_are_those_that_are_given(node: ModuleType) -> N
 
 def test_status_and_heartbeat_come_at_their_cycle_times_and_at_most_every_cycle(node: ModuleType) -> None:
     for rate, status, heartbeat in ((1000, 100, 50), (500, 50, 25), (32, 3, 2), (10, 1, 1), (4, 1, 1)):
-        made = NodeBench(node, rate)  # 100 ms and 50 ms
+        with patch.object(node, "check_speed"):  # the shipped limit needs 7 Hz
+            made = NodeBench(node, rate)  # 100 ms and 50 ms
         assert (made.settings.status_every, made.settings.heartbeat_every) == (status, heartbeat)
         assert made.node.heartbeat_period == 0.05
+
+
+def test_a_rate_at_which_the_angle_wraps_below_the_limit_of_the_slip_is_refused(node: ModuleType) -> None:
+    with pytest.raises(InputError, match="has 31.4 rad/s; at 5 Hz allowed is up to 25 rad/s"):
+        NodeBench(node, 5)
 
 
 def test_the_law_is_the_one_that_is_given(node: ModuleType) -> None:
