@@ -172,6 +172,14 @@ def test_a_frame_with_another_identifier_length_or_data_id_is_told(layout: Modul
             ]  # fmt: skip
 
 
+def test_data_ids_that_no_single_key_explains_are_told_one_by_one(layout: ModuleType) -> None:
+    database = Database()
+    for number, codec in enumerate(database.frames.values(), 1):
+        codec.data_id ^= number
+    told = [text for text in database.list_problems(layout) if text.startswith("frame ")]
+    assert told == [f"frame {name} has the data ID {database.frames[name].data_id}" for name in OF_GUARD]
+
+
 def test_a_database_without_a_claim_can_be_used(layout: ModuleType) -> None:
     database = Database()
     del database.frames["SUPERVISOR_CLAIM"]
