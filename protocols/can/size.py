@@ -36,7 +36,7 @@ SENSOR_TORQUE = 50.0  # Nm, range of the shipped torque channels, both signs
 SPEED = 32.768  # rad/s, range of the shipped speed demands, both signs
 PRESSURE = 10.0  # bar, range of the shipped pressure channel
 _RPM = pi / 30.0  # rad/s, 1/min (2 pi rad in 60 s)
-# Nm: the largest motor of janssens2010.toml; rad/s: the guard's at 200 Hz and more; bar: the highest supply of janssens2010.toml
+# Nm: the largest motor of janssens2010.toml; rad/s: the guard's at 200 Hz and more; bar: the highest supply there
 _LARGEST = 3500.0, 1000.0, 60.0
 _SAME = 1e-9  # of a factor
 # Bits of a key. Data IDs of the bench have bits 14 and 15 set and 11 to 13 clear, so that no data ID of a size equals that of

@@ -17,7 +17,7 @@ ALLOWED: Mapping[str, tuple[str, float, float]] = {
 }  # fmt: skip
 # Of the pressure's range: at its end the converter is full, and a higher pressure reads the same
 _HIGHEST_PRESSURE = 0.99
-# rad from one sample to the next. A frame has 2^18 counts of the angle, 163840 a turn: a faster shaft looks slow from 5.03 rad on
+# rad from one sample to the next. A frame has 2^18 counts of the angle, 163840 a turn: from 5.03 rad on a fast shaft looks slow
 _FARTHEST_TURN = 5.0
 
 

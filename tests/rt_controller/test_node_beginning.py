@@ -212,7 +212,7 @@ def test_status_and_heartbeat_come_at_their_cycle_times_and_at_most_every_cycle(
 
 
 def test_a_rate_at_which_the_angle_wraps_below_the_limit_of_the_slip_is_refused(node: ModuleType) -> None:
-    with pytest.raises(InputError, match="has 31.4 rad/s; at 5 Hz allowed is up to 25 rad/s"):
+    with pytest.raises(InputError, match=r"has 31\.4 rad/s; at 5 Hz allowed is up to 25 rad/s"):
         NodeBench(node, 5)
 
 
