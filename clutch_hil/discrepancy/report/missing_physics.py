@@ -74,7 +74,8 @@ def _describe_effects(result: Result) -> list[Html]:
         parts.append(make_element("h3", format_effect(name)))
         if name in result.equations:
             parts.append(make_element("pre", result.equations[name]))
-        parts.append(_describe_estimates(own, f"{name}."))
+        rival = next((rival for rival in result.rivals if rival.name == name), None)
+        parts.append(_describe_estimates(own, f"{name}.") if own or not rival else _describe_fitted_values(rival))
     parts.append(_describe_estimates([estimate for estimate in result.parameters if estimate not in shown], ""))
     if result.verdict == NAMED and result.alternatives:
         near = [format_effect(name) for each in group_alternatives(result) for name in each]
@@ -113,6 +114,19 @@ def _make_table_of_moved(recalibration: Recalibration) -> Html:
     ]  # fmt: skip
     header = ("parameter", "stated", "re-calibrated", "unit", "±", "times ±")
     return make_table(header, rows, " nn nn")
+
+
+def _describe_fitted_values(rival: Rival) -> Html:
+    """Return the values of an alternative; intervals are computed for the first one only."""
+    rows = [
+        (
+            name.removeprefix(f"{rival.name}."),
+            make_value(value, format_number(value)),
+            format_unit(rival.units.get(name, "")),
+        )
+        for name, value in rival.values.items()
+    ]
+    return make_table(("parameter", "fitted", "unit"), rows, " n ")
 
 
 def _describe_estimates(estimates: Sequence[Estimate], prefix: str) -> Html:

@@ -214,6 +214,18 @@ def test_recording_holds_every_sample(folder):
             assert np.allclose(seconds, trace.columns["time_s"], atol=1e-9)
 
 
+def test_an_alternative_without_intervals_has_its_fitted_values(undrawn):
+    result = results.make_result(ONE_OF, 1, 2.0)
+    name = result.alternatives[0][1]
+    rivals = [rival for rival in result.rivals if rival.name != name]
+    rivals.append(Rival(name, 0.9, 10.0, {f"{name}.width": 0.0715}, "", 1, {f"{name}.width": "bar"}))
+    alone = [estimate for estimate in result.parameters if not estimate.name.startswith(f"{name}.")]
+    page = write_page(replace(result, parameters=alone, rivals=rivals))
+    described = page.partition(f"<h3>{name.replace('_', ' ')}</h3>")[2].partition("</table>")[0]
+    assert "0.0715" in described
+    assert "bar" in described
+
+
 @pytest.mark.parametrize(
     ("verdict", "next_step"),
     [(NAMED, "Identify the rig first, if it never was"), (ONE_OF, "clutch-hil experiment --for report.json")],
