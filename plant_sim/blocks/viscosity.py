@@ -16,6 +16,7 @@ from protocols.files.units import ZERO_CELSIUS
 
 VOGEL_SLOPE = 765.0  # K, B
 VOGEL_ORIGIN = ZERO_CELSIUS - 103.0  # K, T_V
+HOTTEST = ZERO_CELSIUS + 150.0  # K, end of fig 6.8 of Janssens 2010
 _LEAST_DISTANCE = 50.0  # K above T_V, where a mineral oil no longer flows; keeps the exponent finite
 
 
@@ -25,3 +26,12 @@ def relative_viscosity(temperature, reference):
     return exp(
         VOGEL_SLOPE * (1.0 / max(temperature - VOGEL_ORIGIN, _LEAST_DISTANCE) - 1.0 / (reference - VOGEL_ORIGIN))
     )
+
+
+@njit(inline="always", cache=True)
+def relative_conductance(temperature, reference, share):
+    """Return the conductance of a passage at `temperature` over that at `reference`, both [K].
+
+    share: part [1] of its resistance that is laminar; 0 is an orifice. Above HOTTEST the viscosity is taken as constant.
+    """
+    return relative_viscosity(min(temperature, HOTTEST), reference) ** -share

@@ -1,10 +1,9 @@
-"""A valve with another natural frequency, or a lag before it.
+"""A valve with another natural frequency or damping, or a lag before it.
 
 What            cold or thick oil, a weak amplifier or a worn solenoid make the valve slower (or a better one faster)
-Equation        p_v'' + 2 zeta (r w) p_v' + (r w)^2 p_v = (r w)^2 i,  tau i' = u - i
-Assumptions     damping ratio unchanged; the same for large and small steps; when the effect is switched on, the current is that
-                of the valve's present pressure
-Valid range     r 0.1..3, tau 0..50 ms
+Equation        p_v'' + 2 (d zeta) (r w) p_v' + (r w)^2 p_v = (r w)^2 i,  tau i' = u - i
+Assumptions     the same for large and small steps; when the effect is switched on, the current is that of the valve's present pressure
+Valid range     r 0.1..3, d 0.3..5, tau 0..50 ms
 Not modelled    limited slew rate; dependence on temperature (oil_viscosity has that of the line)
 References      Merritt 1967, Hydraulic Control Systems; Watton 2009, Fundamentals of Fluid Power Control (valves as
                 second-order systems; the amplifier's current loop as a lag before them)
@@ -17,8 +16,9 @@ from plant_sim.effects.signals import COMMAND, RIG
 
 
 def slow(s, c, p, x, h):
-    """Scale the natural frequency."""
+    """Scale natural frequency and damping ratio."""
     c.valve_frequency *= p.ratio
+    c.valve_damping *= p.damping
 
 
 def follow(s, c, p, x, h):
@@ -38,6 +38,10 @@ EFFECT = Effect(
         Strength(
             "ratio", "1", off=1.0, typical=0.9, bounds=(0.1, 3.0),
             source="[D] 10 % between valves of one type: 4 ms more of lag",
+        ),
+        Strength(
+            "damping", "1", off=1.0, typical=1.1, bounds=(0.3, 5.0),
+            source="[D] 10 % between valves of one type; thick oil damps the spool",
         ),
         Strength(
             "lag", "ms", off=0.0, typical=3.0, bounds=(0.0, 50.0),
