@@ -25,7 +25,9 @@ _MOST = 12  # largest number of increases: a factor of 130 in total; an effect s
 _NOT_DRAWN = (
     "anti_alias_filter", "motor_torque_sensor_gain", "motor_torque_sensor_lag", "motor_torque_sensor_offset",
 )  # fmt: skip
-_KEPT = "friction_level.drift"  # stays off: a drift and a wrong level count as two effects, one is drawn
+# These strengths stay off. A drift and a wrong level count as two effects, and one is drawn. The drift of the valve's gain and the
+# damping are of 2026-11-30: with them, a seed would draw another plant than before
+_KEPT = ("friction_level.drift", "valve_gain.drift", "slower_valve.damping")
 
 
 def draw_plant(seed: int) -> ParameterSet:
@@ -58,11 +60,11 @@ def _draw_visible(candidate: Candidate, random: np.random.Generator) -> dict[str
         {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters},
     )
     strengths = {
-        name: off for name, off in candidate.list_off_values().items() if typical[name] != off and name != _KEPT
+        name: off for name, off in candidate.list_off_values().items() if typical[name] != off and name not in _KEPT
     }
     times = {name: random.uniform(*_SPREAD) for name in strengths}
     for k in range(_MOST):
-        values = dict(typical) | {n: off for n, off in candidate.list_off_values().items() if n == _KEPT}
+        values = dict(typical) | {n: off for n, off in candidate.list_off_values().items() if n in _KEPT}
         for name, off in strengths.items():
             raised = off + times[name] * _RAISE**k * (typical[name] - off)
             values[name] = float(np.clip(raised, *bounds[name]))

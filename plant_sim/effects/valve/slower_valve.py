@@ -2,8 +2,9 @@
 
 What            cold or thick oil, a weak amplifier or a worn solenoid make the valve slower (or a better one faster)
 Equation        p_v'' + 2 (d zeta) (r w) p_v' + (r w)^2 p_v = (r w)^2 i,  tau i' = u - i
-Assumptions     the same for large and small steps; when the effect is switched on, the current is that of the valve's present pressure
-Valid range     r 0.1..3, d 0.3..5, tau 0..50 ms
+Assumptions     the same for large and small steps; when the effect is switched on, the current is that of the valve's present
+                pressure
+Valid range     r 0.1..3, d 1..5, tau 0..50 ms
 Not modelled    limited slew rate; dependence on temperature (oil_viscosity has that of the line)
 References      Merritt 1967, Hydraulic Control Systems; Watton 2009, Fundamentals of Fluid Power Control (valves as
                 second-order systems; the amplifier's current loop as a lag before them)
@@ -40,8 +41,8 @@ EFFECT = Effect(
             source="[D] 10 % between valves of one type: 4 ms more of lag",
         ),
         Strength(
-            "damping", "1", off=1.0, typical=1.1, bounds=(0.3, 5.0),
-            source="[D] 10 % between valves of one type; thick oil damps the spool",
+            "damping", "1", off=1.0, typical=1.1, bounds=(1.0, 5.0),
+            source="[D] 10 % between valves of one type; thick oil damps the spool. Less damping: valve.damping",
         ),
         Strength(
             "lag", "ms", off=0.0, typical=3.0, bounds=(0.0, 50.0),

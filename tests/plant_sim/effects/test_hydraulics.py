@@ -35,6 +35,11 @@ THICK = exp(765.0 * (1 / 143.0 - 1 / 173.0))  # viscosity at 40 degC over that a
             Fluid(capacity=lambda p: C_H + AIR * ATMOSPHERE / (ATMOSPHERE + p) ** 2),
         ),
         ({"internal_leakage__conductance": LEAK}, 70.0, Fluid(flow=lambda p_v, p: G * (p_v - p) - LEAK * p)),
+        (
+            {"internal_leakage__conductance": 2.0 * LEAK, "oil__sump_temperature": 40.0},
+            40.0,
+            Fluid(flow=lambda p_v, p: G * (p_v - p) - 2.0 * LEAK / THICK * p),
+        ),
         ({"centrifugal_pressure__coefficient": 1e-3}, 70.0, Fluid(thrust=lambda p: p + SPUN)),
         (
             {"oil_viscosity__share": 1.0, "oil__sump_temperature": 40.0},
@@ -43,7 +48,7 @@ THICK = exp(765.0 * (1 / 143.0 - 1 / 173.0))  # viscosity at 40 degC over that a
         ),
         ({"drain_restriction__ratio": 0.3}, 70.0, Fluid(flow=lambda p_v, p: G * (p_v - p) * (1 if p_v > p else 0.3))),
     ],
-    ids=["baseline", "air", "leakage", "centrifugal", "viscosity", "drain"],
+    ids=["baseline", "air", "leakage", "leakage of cold oil", "centrifugal", "viscosity", "drain"],
 )
 def test_rig_agrees_with_an_independent_integration(changed: dict[str, float], celsius: float, law: Fluid) -> None:
     result, expected = run(make_rig(**changed), MOVES, celsius=celsius), law.run(MOVES)
@@ -95,6 +100,13 @@ def test_leakage_divides_the_pressure_with_the_line(leak: float) -> None:
     end = run(make_rig(internal_leakage__conductance=leak), HELD)[-1]
     assert end["pressure"] == pytest.approx(end["valve_pressure"] * G / (G + leak), rel=STEADY)
     assert end["valve_pressure"] == pytest.approx(3.4 * BAR, rel=STEADY)
+
+
+@pytest.mark.parametrize(("share", "factor"), [(0.0, 1.0), (0.5, THICK**-0.5), (1.0, 1.0 / THICK)])
+def test_cold_oil_leaks_less_the_more_laminar_the_gap_is(share: float, factor: float) -> None:
+    leak = {"internal_leakage__conductance": 1e-5, "internal_leakage__share": share}
+    end = run(make_rig(**leak, oil__sump_temperature=40.0), HELD, celsius=40.0)[-1]
+    assert end["pressure"] == pytest.approx(end["valve_pressure"] * G / (G + 1e-5 * factor), rel=STEADY)
 
 
 # --- rotation --------------------------------------------------------------------------------------------------------

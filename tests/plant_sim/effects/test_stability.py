@@ -1,5 +1,7 @@
 """Effects of valve, hydraulics and piston: the longest step is short enough at every end of their ranges."""
 
+from math import exp
+
 import numpy as np
 import pytest
 
@@ -33,8 +35,9 @@ def test_rig_stays_stable_at_every_bound(name: str) -> None:
             assert np.isfinite(records["clutch_torque"]).all()
 
 
-def test_a_leak_adds_the_rate_at_which_it_empties_the_cylinder() -> None:
+@pytest.mark.parametrize(("share", "thinner"), [(0.0, 1.0), (1.0, exp(765.0 * (1 / 173.0 - 1 / 253.0)))])
+def test_a_leak_adds_the_rate_at_which_it_empties_the_cylinder_with_the_thinnest_oil(share: float, thinner: float) -> None:
     leaking = wet_clutch.load_nominal().with_values(
-        {"internal_leakage.conductance": 1e-4}
-    )  # m^3/(s bar), of 1e-6 m^3/bar
-    assert sum_added_rates(leaking, wet_clutch.list_values(leaking)) == pytest.approx(100.0)  # 1/s
+        {"internal_leakage.conductance": 1e-4, "internal_leakage.share": share}
+    )  # m^3/(s bar), of 1e-6 m^3/bar; Vogel's law from 70 to 150 degC
+    assert sum_added_rates(leaking, wet_clutch.list_values(leaking)) == pytest.approx(100.0 * thinner)  # 1/s

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from plant_sim.effects.catalogue import find_effect
 from plant_sim.effects.signals import COMMAND
@@ -71,6 +72,12 @@ def test_gain_scales_the_voltage() -> None:
         assert scaled[name] == pytest.approx(louder[name], rel=1e-9, abs=1e-9)
 
 
+def test_gain_drifts_from_its_ratio_and_never_changes_its_sign() -> None:
+    scaled = apply_law("valve_gain", [1.0] * 4000, h=1e-3, ratio=1.1, drift=-0.5)
+    assert scaled == pytest.approx(np.maximum(1.1 - 0.5e-3 * np.arange(1, 4001), 0.0), abs=1e-9)
+    assert scaled[-1] == 0.0
+
+
 def test_gain_does_not_lift_the_supply() -> None:
     assert find_settled_pressures([10.0], valve_gain__ratio=1.5) == pytest.approx([SUPPLY], rel=SETTLED)
 
@@ -80,6 +87,15 @@ def test_slower_valve_answers_a_step_as_a_second_order_system_of_the_lower_frequ
     t, w = 1e-3 * np.arange(1, 401), 0.5 * W_V
     damped = w * np.sqrt(1 - ZETA**2)
     step = 1.0 - np.exp(-ZETA * w * t) * (np.cos(damped * t) + ZETA * w / damped * np.sin(damped * t))
+    assert result == pytest.approx(K_V * 1.36 * step, abs=RESPONSE * K_V * 1.36)
+
+
+@pytest.mark.parametrize("damping", [1.2, 3.0])
+def test_a_damped_valve_answers_a_step_as_a_system_of_that_damping(damping: float) -> None:
+    result = run(make_rig(slower_valve__damping=damping), [(1.36, 400)])["valve_pressure"] / BAR
+    t = 1e-3 * np.arange(401)
+    system = scipy.signal.TransferFunction([W_V**2], [1.0, 2.0 * damping * ZETA * W_V, W_V**2])
+    step = scipy.signal.step(system, T=t)[1][1:]
     assert result == pytest.approx(K_V * 1.36 * step, abs=RESPONSE * K_V * 1.36)
 
 
