@@ -25,8 +25,8 @@ _MOST = 12  # largest number of increases: a factor of 130 in total; an effect s
 _NOT_DRAWN = (
     "anti_alias_filter", "motor_torque_sensor_gain", "motor_torque_sensor_lag", "motor_torque_sensor_offset",
 )  # fmt: skip
-# These strengths stay off. A drift and a wrong level count as two effects, and one is drawn. The drift of the valve's gain and the
-# damping are of 2026-11-30: with them, a seed would draw another plant than before
+# These strengths stay off. A drift and a wrong level count as two effects, and one is drawn. The drift of the valve's gain
+# and the damping are of 2026-11-30: with them, a seed would draw another plant than before
 _KEPT = ("friction_level.drift", "valve_gain.drift", "slower_valve.damping")
 
 

@@ -36,7 +36,9 @@ def test_rig_stays_stable_at_every_bound(name: str) -> None:
 
 
 @pytest.mark.parametrize(("share", "thinner"), [(0.0, 1.0), (1.0, exp(765.0 * (1 / 173.0 - 1 / 253.0)))])
-def test_a_leak_adds_the_rate_at_which_it_empties_the_cylinder_with_the_thinnest_oil(share: float, thinner: float) -> None:
+def test_a_leak_adds_the_rate_at_which_it_empties_the_cylinder_with_the_thinnest_oil(
+    share: float, thinner: float
+) -> None:
     leaking = wet_clutch.load_nominal().with_values(
         {"internal_leakage.conductance": 1e-4, "internal_leakage.share": share}
     )  # m^3/(s bar), of 1e-6 m^3/bar; Vogel's law from 70 to 150 degC
