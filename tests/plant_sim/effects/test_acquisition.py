@@ -55,13 +55,26 @@ def test_an_amplifier_ends_at_its_limit_in_both_directions(bar: float, torque: f
 
 @cache
 def ended() -> Acquisition:
-    return make_quiet_rig({"sensor_saturation.pressure_limit": 3.3, "sensor_saturation.torque_limit": 5.0})
+    return make_quiet_rig(
+        {"sensor_saturation.pressure_limit": 3.3, "sensor_saturation.torque_limit": 5.0, "sensor_saturation.bend": 0.0}
+    )
 
 
 def test_a_saturated_channel_shows_no_noise() -> None:
-    rig = Acquisition({"sensor_saturation.pressure_limit": 3.3})
+    rig = Acquisition({"sensor_saturation.pressure_limit": 3.3, "sensor_saturation.bend": 0.0})
     assert len({rig.sample(bar=3.4).pressure for _ in range(1000)}) == 1
     assert len({rig.sample(bar=3.2).pressure for _ in range(1000)}) > 3
+
+
+def test_an_amplifier_bends_before_its_limit() -> None:
+    rig = make_quiet_rig({"sensor_saturation.pressure_limit": 3.3, "sensor_saturation.bend": 0.1})
+    bars = np.linspace(0.0, 6.0, 121)
+    shown = np.array([rig.read(bar=bar)["pressure"] for bar in bars])  # 1 V/bar
+    expected = bars - 0.1 * np.logaddexp(0.0, (bars - 3.3) / 0.1)  # a smooth minimum of both, written in another way
+    assert shown == pytest.approx(np.maximum(expected, 0.0), abs=HALF_STEP * LSB["pressure"])
+    assert [rig.read(bar=-bar)["pressure"] for bar in (2.0, 3.3, 5.0)] == pytest.approx(
+        [-rig.read(bar=bar)["pressure"] for bar in (2.0, 3.3, 5.0)], abs=LSB["pressure"]
+    )
 
 
 def test_motor_torque_and_temperature_have_amplifiers_of_their_own() -> None:
@@ -212,7 +225,9 @@ def test_what_the_converter_cuts_is_never_restored() -> None:
 
 
 def test_what_the_amplifier_cuts_is_cut_before_it_is_restored() -> None:
-    rig = make_quiet_rig({"dc_restoration.decay_rate": RATE, "sensor_saturation.torque_limit": 2.0})
+    rig = make_quiet_rig(
+        {"dc_restoration.decay_rate": RATE, "sensor_saturation.torque_limit": 2.0, "sensor_saturation.bend": 0.0}
+    )
     result = [rig.read(clutch=LOAD)["clutch_torque"] for _ in range(2000)]
     assert result[0] == pytest.approx(10.0, abs=RESOLVED)  # 2 V
     assert result[-1] == pytest.approx(10.0 * (1.0 + RATE * 1.999), rel=HELD, abs=RESOLVED)
