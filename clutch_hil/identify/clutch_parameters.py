@@ -127,8 +127,9 @@ class Need:
         return "" if shown >= self.least else self.sentence.format(shown=shown, least=self.least)
 
 
-def _find_touching(s: Samples) -> np.ndarray:
-    return s.sliding if np.any(s.sliding) else s.loaded
+def _find_sliding(s: Samples) -> np.ndarray:
+    """Return a mask (n,) of the samples with sliding plates: the calm ones, or all if none is calm, as in short engagements."""
+    return s.sliding if np.any(s.sliding) else s.slipping
 
 
 def _measure_span(values: np.ndarray) -> float:
@@ -137,23 +138,25 @@ def _measure_span(values: np.ndarray) -> float:
 
 def _compute_low_slip(s: Samples, v: Values) -> float:
     """Compute V_S over the 2 % quantile of the slips in contact."""
-    slips = np.abs(s.slip[_find_touching(s)])
+    slips = np.abs(s.slip[_find_sliding(s)])
     return v["clutch.stribeck_speed"] / float(np.quantile(slips, 0.02)) if len(slips) else 0.0
 
 
 def _compute_slip_ratio(s: Samples, v: Values) -> float:
-    slips = np.abs(s.slip[_find_touching(s)])
-    return float(np.quantile(slips, 0.98) / max(np.quantile(slips, 0.02), 1e-3)) if len(slips) else 0.0
+    slips = np.abs(s.slip[_find_sliding(s)])
+    return float(np.quantile(slips, 0.98) / np.quantile(slips, 0.02)) if len(slips) else 0.0
 
 
 def _count_fills(s: Samples, v: Values) -> float:
-    """Count how often the pressure rises from below half the preload to above the contact pressure."""
-    state, count = 0, 0
-    for pressure in s.pressure:
+    """Count how often the pressure rises in a run from below half the preload to above the contact pressure."""
+    empty, count = False, 0
+    for pressure, last in zip(s.pressure, s.last, strict=True):
         if pressure < 0.5 * v["piston.preload_pressure"]:
-            state = 1
-        elif state and pressure > v["piston.contact_pressure"]:
-            state, count = 0, count + 1
+            empty = True
+        elif empty and pressure > v["piston.contact_pressure"]:
+            empty, count = False, count + 1
+        if last:  # an empty cylinder at the end of a run is not filled at the beginning of the next
+            empty = False
     return float(count)
 
 
@@ -164,14 +167,14 @@ NEEDS: tuple[Need, ...] = (
     Need(("clutch.viscous_exponent",), _compute_slip_ratio, 3.0,
          "gamma needs slips that differ; the highest is {shown:.2g} times the lowest in these runs, {least:g} times is needed"),
     Need(("clutch.coulomb_slope", "clutch.coulomb_intercept", *_VISCOUS),
-         lambda s, v: _measure_span(s.pressure[_find_touching(s)]), 0.5,
+         lambda s, v: _measure_span(s.pressure[_find_sliding(s)]), 0.5,
          "M_C(p) and C_v(p) need pressures that differ in contact; these runs span {shown:.2g} bar, {least:g} bar is needed"),
-    Need(("clutch.beta_onset", "clutch.beta_scale"), lambda s, v: _measure_span(s.pressure[_find_touching(s)]), 0.5,
+    Need(("clutch.beta_onset", "clutch.beta_scale"), lambda s, v: _measure_span(s.pressure[_find_sliding(s)]), 0.5,
          "beta(p) needs pressures from contact on; these runs span {shown:.2g} bar in contact, {least:g} bar is needed"),
     Need(("clutch.attraction",), lambda s, v: float(np.quantile(np.abs(s.slip_rate[s.loaded]), 0.99))
          if np.any(s.loaded) else 0.0, 30.0,
          "C needs a slip that changes fast in contact; these runs reach {shown:.2g} rad/s^2, {least:g} rad/s^2 is needed"),
-    Need(("oil.viscous_gain",), lambda s, v: _measure_span(s.temperature[_find_touching(s)]), 8.0,
+    Need(("oil.viscous_gain",), lambda s, v: _measure_span(s.temperature[_find_sliding(s)]), 8.0,
          "the temperature law needs several temperatures; these runs span {shown:.2g} K in contact, {least:g} K is needed",
          "oil_temperature_degc"),
     Need(("oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature"), lambda s, v: _measure_span(s.temperature), 4.0,

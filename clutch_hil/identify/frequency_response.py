@@ -25,6 +25,7 @@ from scipy.signal import csd, welch
 from scipy.stats import t as student
 
 from clutch_hil.fitting.model import Columns
+from clutch_hil.identify.stepwise import LEAST_SLIP
 
 DEMAND = "controller_pressure_demand_bar"  # p_d in a run of the bench
 HALF_POWER = -10.0 * np.log10(2.0)  # dB: "-3 dB"
@@ -32,7 +33,6 @@ _PRESSURE, _TORQUE, _SLIP, _VOLTAGE, _CELSIUS = (
     "cylinder_pressure_bar", "clutch_torque_nm", "slip_speed_rad_s", "valve_voltage_v", "oil_temperature_degc",
 )  # fmt: skip
 _MARGIN = 0.1  # bar above contact, so that the plates never separate
-_LEAST_SLIP = 0.5  # rad/s: above it the plates slide (stepwise.py)
 _LEAST_SECONDS = 3.0  # s, shortest stretch: three periods of 1 s, or two windows
 _LEAST_AMPLITUDE = 0.01  # bar, standard deviation of the demand: twice the noise of a sample of the pressure
 _LEAST_COHERENCE = 0.9  # at every line up to the bandwidth; with 7 averages the magnitude is then known to 20 %
@@ -249,7 +249,7 @@ def _judge(response: LoopResponse) -> tuple[int, float]:
 def _find_stretches(run: Columns, contact: float) -> list[slice]:
     """Return the stretches of a run in contact with sliding plates, as slices of its rows."""
     inside = (
-        (run[_PRESSURE] > contact + _MARGIN) & (run[DEMAND] > contact + _MARGIN) & (np.abs(run[_SLIP]) > _LEAST_SLIP)
+        (run[_PRESSURE] > contact + _MARGIN) & (run[DEMAND] > contact + _MARGIN) & (np.abs(run[_SLIP]) > LEAST_SLIP)
     )  # fmt: skip
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
     least = _LEAST_SECONDS / float(run["time_s"][1] - run["time_s"][0])

@@ -28,7 +28,7 @@ _CALM_SLIP = 40.0  # rad/s^2
 # Least torque of plates in contact: in standard deviations of the noise, which is 1 Nm on the shipped rig (docs/rig.md, 9); and
 # as a share of the largest torque, for a recording without noise
 _DEVIATIONS, _LEAST_SHARE = 20.0, 0.02
-_LEAST_SLIP = 0.5  # rad/s: below it plates may stick, and the torque is not a function of the slip
+LEAST_SLIP = 0.5  # rad/s: below it plates may stick, and the torque is not a function of the slip
 _LEAST_VOLTAGE = 0.2  # V: at a lower voltage the pressure is mostly noise
 _NEAR_LIMIT = 0.95  # share of the motor's torque limit: above it the regulator may be limited
 _SPEEDS = (5.0, 11.0, 22.0)  # rad/s: starting values of V_S, about half, once and twice that of the thesis
@@ -71,12 +71,14 @@ class Samples:
         return np.abs(self.torque) > self.contact_torque
 
     @property
+    def slipping(self) -> np.ndarray:
+        """Mask (n,) of loaded samples with sliding plates."""
+        return self.loaded & (np.abs(self.slip) > LEAST_SLIP)
+
+    @property
     def sliding(self) -> np.ndarray:
-        """Mask (n,) of calm and loaded samples with sliding plates, whose torque has the sign of the slip."""
-        return (
-            self.calm & self.loaded & (np.abs(self.slip) > _LEAST_SLIP)
-            & (self.torque * self.slip > 0.0)
-        )  # fmt: skip
+        """Mask (n,) of calm samples with sliding plates, whose torque has the sign of the slip."""
+        return self.calm & self.slipping & (self.torque * self.slip > 0.0)
 
     @property
     def faster(self) -> np.ndarray:
@@ -144,7 +146,7 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
 
     line: a_M [Nm/bar] and p_contact [bar], see `estimate_contact`.
     """
-    at = s.sliding & (np.abs(s.slip) > 2.0 * _LEAST_SLIP)
+    at = s.sliding & (np.abs(s.slip) > 2.0 * LEAST_SLIP)
     pressure, slip, torque = s.pressure[at], np.abs(s.slip[at]), np.abs(s.torque[at])
     above = s.temperature[at] - p["oil.origin"].value
     reference = p["oil.reference"].value - p["oil.origin"].value

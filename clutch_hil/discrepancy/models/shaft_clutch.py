@@ -21,6 +21,7 @@ from clutch_hil.identify.behind_slip import drive_by_slip
 from clutch_hil.identify.clutch_effects import SPEED
 from clutch_hil.identify.recorded_runs.logged_rows import find_logged_rows
 from clutch_hil.identify.recorded_runs.run_beginning import begin_as_measured, find_initial_state
+from clutch_hil.identify.stepwise import LEAST_SLIP
 from plant_sim.effects.signals import DRIVE
 from plant_sim.rigs.shaft_clutch_run import PRESSURE, TEMPERATURE, TORQUE, run
 from protocols.files.parameters import ParameterSet
@@ -28,7 +29,6 @@ from protocols.files.units import BAR
 
 _SLIP, _TORQUE = "slip_speed_rad_s", "clutch_torque_nm"
 CYLINDER_SPEED = "cylinder_speed_rad_s"  # a column that a run may have; without it the cylinder turns with the slip
-_LEAST_SLIP = 0.5  # rad/s: plates with less slip may stick, as in the steps of identification
 # s after such a slip: 14 times the lag of friction (docs/rig.md); with a lag a third longer, 3e-5 of the state is left
 _UNSEEN = 0.2
 _BEFORE = 5e-3  # s before it: the smoothing of the slip also uses later samples
@@ -55,7 +55,7 @@ class ShaftClutch(WetClutch):
     def find_unseen(self, columns: Columns) -> dict[str, np.ndarray]:
         """See `Partial`: rows (n,) in which the plates may stick."""
         period = float(columns["time_s"][1] - columns["time_s"][0])
-        slow = np.flatnonzero(np.abs(columns[_SLIP]) < _LEAST_SLIP)
+        slow = np.flatnonzero(np.abs(columns[_SLIP]) < LEAST_SLIP)
         edges = np.zeros(len(columns["time_s"]) + 1)
         np.add.at(edges, np.maximum(slow - round(_BEFORE / period), 0), 1.0)
         np.add.at(edges, np.minimum(slow + round(_UNSEEN / period) + 1, len(edges) - 1), -1.0)

@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 from clutch_hil.fitting.intervals import NORMAL_95
 from clutch_hil.fitting.model import Columns, Values
 from clutch_hil.fitting.noise import estimate_noise
+from clutch_hil.identify.stepwise import LEAST_SLIP
 from clutch_hil.identify.thesis_quantities import Propagation, Quantity, compute_torque
 from plant_sim.profiles.profile import FULL_PRESSURE
 from protocols.can.two_clutches import CLUTCHES
@@ -29,7 +30,6 @@ _MEAN = 0.02  # s, averaging time: the noise of a torque is then 11 mNm at 1 kHz
 _MOST = 0.95  # share of the torque of both clutches: with more, one transmits all
 # Least output torque, as a share of the motor's largest torque: a twentieth of what the shipped shift hands over
 _LEAST_SHARE = 0.05
-_LEAST_SLIP = 0.5  # rad/s: below it plates may stick, and the maps do not apply
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def compute_pressures(one: HandOver, known: Mapping[str, Propagation], ratios: t
     for k, clutch in enumerate(CLUTCHES):
         slip, celsius, torque = abs(one.slips[k]), one.celsius[k], 0.5 * one.torque / ratios[k]
         strongest = compute_torque(known[clutch].values, np.array([FULL_PRESSURE]), slip, celsius)[0]
-        if slip < _LEAST_SLIP or torque >= strongest:
+        if slip < LEAST_SLIP or torque >= strongest:
             continue
 
         def pressure(v: Values, slip: float = slip, celsius: float = celsius, torque: float = torque) -> np.ndarray:
