@@ -116,7 +116,7 @@ def fit_clutch(
     joint = fit_jointly(coarse, fine, (begun, begin[1]), fitted, lambda share: progress("joint fit", 0.2 + 0.7 * share))
     absent, joint = _hold_absent(joint, off, plan.known, [f.name for f in excited])
     present = [f for f in excited if f.name not in {a.name for a in absent}]
-    values = from_fit(tie(joint.at.point[0], plan.ratios)) | dict(joint.at.point[1])
+    values = from_fit(joint.at.point[0], plan.ratios) | dict(joint.at.point[1])
     return ClutchFit(joint, values, present, hardly, unmet, absent, fine.size)
 
 

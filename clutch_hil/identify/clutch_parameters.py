@@ -38,10 +38,18 @@ _PRESSURES = ("piston.contact_pressure", "piston.preload_pressure", "clutch.beta
 _VISCOUS = ("clutch.viscous_slope", "clutch.viscous_intercept")
 _EXPONENT, _REFERENCE_SLIP = "clutch.viscous_exponent", 10.0  # rad/s: in the middle of the maps' logarithmic range
 
+Ties = Mapping[str, tuple[str, float]]  # parameter -> (other parameter, ratio to it)
+NO_TIES: Ties = {}
+
 
 def compute_viscous_scale(values: Values) -> float:
     """Compute omega_r^gamma, the factor from C_v to the viscous torque at the reference slip."""
     return float(_REFERENCE_SLIP ** values[_EXPONENT])
+
+
+def tie(values: Values, ties: Ties) -> dict[str, float]:
+    """Return `values` with each tied parameter set to its ratio times the other one."""
+    return {**values, **{name: ratio * values[other] for name, (other, ratio) in ties.items()}}
 
 
 def to_fit(values: Values) -> dict[str, float]:
@@ -49,9 +57,10 @@ def to_fit(values: Values) -> dict[str, float]:
     return {**values, **{name: values[name] * compute_viscous_scale(values) for name in _VISCOUS}}
 
 
-def from_fit(values: Values) -> dict[str, float]:
-    """Convert the fitted parameters to those of the rig."""
-    return {**values, **{name: values[name] / compute_viscous_scale(values) for name in _VISCOUS}}
+def from_fit(values: Values, ties: Ties = NO_TIES) -> dict[str, float]:
+    """Convert the fitted parameters to those of the rig, in which `ties` hold: the ratios are those of C_v, not of K."""
+    known = tie(values, ties)  # a tied gamma changes C_v
+    return tie({**known, **{name: known[name] / compute_viscous_scale(known) for name in _VISCOUS}}, ties)
 
 
 def shift_pressures(values: Values, shift: float) -> dict[str, float]:
@@ -64,9 +73,9 @@ def shift_pressures(values: Values, shift: float) -> dict[str, float]:
 
 
 class FittedModel:
-    """The `model` of a clutch as a function of the fitted parameters. ties: parameter -> (other parameter, ratio to it)."""
+    """The `model` of a clutch as a function of the fitted parameters."""
 
-    def __init__(self, model: Model, ties: Mapping[str, tuple[str, float]]) -> None:
+    def __init__(self, model: Model, ties: Ties) -> None:
         self._model, self._ties = model, dict(ties)
         self.name, self.inputs, self.outputs = model.name, model.inputs, model.outputs
         self.parameters, self.candidates = model.parameters, model.candidates
@@ -78,12 +87,7 @@ class FittedModel:
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
         """See `Model`."""
-        return self._model.simulate(run, from_fit(tie(parameters, self._ties)), effects)
-
-
-def tie(values: Values, ties: Mapping[str, tuple[str, float]]) -> dict[str, float]:
-    """Return `values` with each tied parameter set to its ratio times the other one."""
-    return {**values, **{name: ratio * values[other] for name, (other, ratio) in ties.items()}}
+        return self._model.simulate(run, from_fit(parameters, self._ties), effects)
 
 
 class HydraulicModel:

@@ -7,7 +7,7 @@ from typing import Any
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Model, Values
 from clutch_hil.identify.clutch_effects import EFFECTS, declare_effects
-from clutch_hil.identify.clutch_parameters import FITTED, HELD
+from clutch_hil.identify.clutch_parameters import FITTED, HELD, Ties
 from clutch_hil.identify.free_parameters import free_parameter
 from protocols.errors import InputError, join_names, suggest_closest
 from protocols.files.parameters import ParameterSet
@@ -61,7 +61,7 @@ class FitPlan:
     known: ParameterSet
     held: Mapping[str, str]
     given: Mapping[str, float]
-    ratios: Mapping[str, tuple[str, float]]
+    ratios: Ties
     free: Sequence[FreeParameter]
 
     def give(self, name: str, value: float, why: str) -> "FitPlan":
