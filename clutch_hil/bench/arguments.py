@@ -48,6 +48,14 @@ def take_number(name: str, value: Any) -> float:
     return float(value)
 
 
+def take_range(name: str, value: Any) -> tuple[float, float]:
+    """Return `value`, two numbers, as a low and a high one; their order is not checked. Raises InputError."""
+    if not isinstance(value, Iterable) or isinstance(value, (str, bytes, Mapping)) or len(ends := list(value)) != 2:
+        raise InputError(f"{name} is {_show(value)}; a low and a high number are needed")
+    low, high = (take_number(name, end) for end in ends)
+    return low, high
+
+
 def take_flag(name: str, value: Any) -> bool:
     """Return `value` as a bool. Raises InputError."""
     if not isinstance(value, (bool, np.bool_)):

@@ -102,7 +102,8 @@ def _format_parameters(parameters: Iterable[Parameter]) -> list[str]:
     for group, members in groupby(sorted(parameters, key=_find_group), key=_find_group):
         lines += ["", f"[{json.dumps(group) if '.' in group else group}]"]
         for p in members:
-            entry = f"value = {p.value!r}, uncertainty = {p.uncertainty!r}, source = {json.dumps(p.source, ensure_ascii=False)}"
+            source = json.dumps(p.source, ensure_ascii=False)
+            entry = f"value = {float(p.value)!r}, uncertainty = {float(p.uncertainty)!r}, source = {source}"
             lines.append(f"{p.name.rpartition('.')[2]} = {{ {entry} }}")
     return lines
 

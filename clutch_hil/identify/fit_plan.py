@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from clutch_hil.bench.arguments import take_flag, take_mapping, take_name, take_number, take_range
 from clutch_hil.fitting.fit import FreeParameter
 from clutch_hil.fitting.model import Model, Values
 from clutch_hil.identify.clutch_effects import EFFECTS, declare_effects
@@ -48,6 +49,16 @@ class Wishes:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     ties: Mapping[str, str] = field(default_factory=dict)
     force: bool = False
+
+
+def take_wishes(hold: Any, bounds: Any, ties: Any, force: Any) -> Wishes:
+    """Return the options that a Python caller passes. Raises InputError for other types."""
+    return Wishes(
+        {n: None if v is None else take_number(f"hold of {n}", v) for n, v in take_mapping("hold", hold).items()},
+        {n: take_range(f"bounds of {n}", v) for n, v in take_mapping("bounds", bounds).items()},
+        {n: take_name(f"ties of {n}", v) for n, v in take_mapping("ties", ties).items()},
+        take_flag("force", force),
+    )
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from time import monotonic
 
 import numpy as np
 
-from clutch_hil.bench.arguments import take_function, take_runs
+from clutch_hil.bench.arguments import take_function, take_name, take_runs
 from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.fitting.fit import FreeParameter
@@ -35,7 +35,7 @@ from clutch_hil.identify.clutch_parameters import (
     FITTED,
 )
 from clutch_hil.identify.controller_values import derive_controller_values
-from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit
+from clutch_hil.identify.fit_plan import FitPlan, Subject, Wishes, check_names, check_ties, plan_fit, take_wishes
 from clutch_hil.identify.frequency_response import LoopResponse, measure_response
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
 from clutch_hil.identify.recorded_runs.converters import find_converter_bits
@@ -144,20 +144,20 @@ def identify_clutch(
 
     Takes about a minute. Raises InputError, also for hard findings without `force`.
     """
-    runs, progress = take_runs("runs", runs), take_function("progress", progress)
+    runs, progress, rig = take_runs("runs", runs), take_function("progress", progress), take_name("rig", rig)
+    wishes = take_wishes(hold, bounds, ties, force)
     if not runs:
         raise InputError("the identification has no runs; one or more are needed")
     rig = rig or find_rig_name(runs[0] if isinstance(runs[0], Run) else read_run(runs[0], ())) or DEFAULT_RIG
     known_rig = find_rig(rig)
     if known_rig.identify_at:
         both: Identification = known_rig.identify(
-            runs, hold=hold, bounds=bounds, ties=ties, force=force, progress=progress
+            runs, hold=wishes.hold, bounds=wishes.bounds, ties=wishes.ties, force=wishes.force, progress=progress
         )
         return both
     model = known_rig.model()
     if lacking := [name for name in FITTED if name not in model.parameters]:
         raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
-    wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
     check_names(ParameterSet({**model.parameters, **declare_effects()}), [*wishes.hold, *wishes.bounds])
     check_names(model.parameters, [*wishes.ties, *wishes.ties.values()])
     check_ties(wishes)

@@ -34,7 +34,7 @@ def measure_landing(plant: Values, controller: Mapping[str, float]) -> float | N
     shipped = wet_clutch.load_nominal()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "controller.toml"
-        file.write_text("".join(f"{name} = {value!r}\n" for name, value in controller.items()), encoding="utf-8")
+        file.write_text("".join(f"{name} = {float(value)!r}\n" for name, value in controller.items()), encoding="utf-8")
         try:
             parameters = shipped.with_values({name: value for name, value in plant.items() if name in shipped})
             rig = PlantNode(rate=_RATE, parameters=parameters, profile=profile)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from clutch_hil.bench.arguments import take_function, take_name
 from clutch_hil.bench.progress import format_table
 from clutch_hil.thesis import Entry, find_entry, load_entries
 from clutch_hil.thesis.check_sheet import Sheet
@@ -68,7 +69,7 @@ def reproduce(name: str, progress: Progress = lambda done, total: None) -> Resul
     In the result `holds` and `verdict` say whether the claim holds, `sheet.checks` has the measured values, and `sheet.figure`
     is the picture, a matplotlib Figure. No file is written. Long work calls `progress(done, total)`. Raises InputError.
     """
-    return _fill(find_entry(name), progress)
+    return _fill(find_entry(take_name("name", name)), take_function("progress", progress))
 
 
 def run(entry: Entry, out: Path, progress: Progress) -> Result:

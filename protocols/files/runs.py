@@ -9,6 +9,7 @@ import fcntl
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -241,6 +242,8 @@ def write_run(run: Run, path: Path | str) -> None:
 
     Columns are written as 64-bit numbers. Raises InputError, also for a run that `read_run` would refuse.
     """
+    if not isinstance(path, (str, PathLike)):
+        raise InputError(f"path of a run to be written is {path!r:.60}; the path of a file is needed")
     path = Path(path)
     check_suffix(path)
     if not isinstance(run, Run):

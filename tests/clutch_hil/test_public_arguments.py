@@ -1,5 +1,6 @@
 """What Python callers pass: a wrong argument is refused in one sentence, and what is allowed is taken."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,9 @@ import pyarrow as pa
 import pytest
 
 import clutch_hil as ch
+from clutch_hil.identify.controller_values import derive_controller_values
+from plant_sim.rigs import wet_clutch
+from protocols.node import load_node
 
 SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
 
@@ -100,3 +104,50 @@ def test_a_run_is_drawn_although_its_metadata_or_a_value_are_of_another_program(
     run = ch.simulate(**SHORT)
     columns = run.columns | {"cylinder_pressure_bar": run["cylinder_pressure_bar"] + np.inf}
     ch.draw_run(ch.Run(columns, metadata))
+
+
+TIME = np.arange(200) / 100.0
+SLIDE = ch.Run({"time_s": TIME, "position_m": np.sin(TIME), "force_n": np.sign(np.cos(TIME))}, {})
+PROPOSED = {"profile": "crawl", "settings": [60.0, 1000]}
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: ch.reproduce(6.12), "name is 6.12; a name is needed"),
+        (lambda: ch.reproduce("fig 2.13", 5), "progress is 5; allowed is a function"),
+        (lambda: ch.identify_clutch(SLIDE, rig=5), "rig is 5; a name is needed"),
+        (lambda: ch.identify_clutch(SLIDE, force="no"), "force is 'no'; allowed are True and False"),
+        (lambda: ch.identify_clutch(SLIDE, hold=["valve.gain"]), "hold is ['valve.gain']; allowed is a mapping"),
+        (lambda: ch.identify_clutch(SLIDE, hold={"valve.gain": "2"}), "hold of valve.gain is '2'; a number is needed"),
+        (lambda: ch.identify_clutch(SLIDE, bounds={"valve.gain": 2.0}), "bounds of valve.gain is 2.0; a low and a high"),
+        (lambda: ch.identify_clutch(SLIDE, bounds={"valve.gain": (1.0, 2.0, 3.0)}), "a low and a high number are needed"),
+        (lambda: ch.identify_clutch(SLIDE, bounds={"valve.gain": "23"}), "a low and a high number are needed"),
+        (lambda: ch.identify_clutch(SLIDE, ties={"valve.gain": 5}), "ties of valve.gain is 5; a name is needed"),
+        (lambda: ch.identify_friction(SLIDE, 3), "law is 3; a name is needed"),
+        (lambda: ch.identify_friction(SLIDE, "gms", position=3), "position is 3; a name is needed"),
+        (lambda: ch.identify_friction(SLIDE, "gms", map_name=3), "map_name is 3; a name is needed"),
+        (lambda: ch.identify_friction(SLIDE, "gms", seed=-1), "seed is -1; allowed are 0 and more, whole numbers"),
+        (lambda: ch.identify_friction(SLIDE, "gms", starts=2.5), "number of starts is 2.5; allowed are 1 and more"),
+        (lambda: ch.identify_friction(SLIDE, "gms", elements="4"), "number of elements is '4'; allowed are 1 and more"),
+        (lambda: ch.identify_friction(SLIDE, "gms", low_pass="5"), "low-pass is '5'; a number is needed"),
+        (lambda: ch.identify_friction(SLIDE, "gms", terms=[2]), "terms is 2; a name is needed"),
+        (lambda: ch.identify_friction(SLIDE, "gms", terms="drag"), "term 'drag' is unknown"),
+        (lambda: ch.read_friction(None), "path is None; the path of a file is needed"),
+        (lambda: ch.write_run(SLIDE, 5), "path of a run to be written is 5"),
+        (lambda: ch.play_experiment("crawl-45", rate="fast"), "rate is 'fast'; allowed are 0 and more, whole numbers"),
+        (lambda: ch.play_experiment(PROPOSED), "settings of the experiment are [60.0, 1000]"),
+    ],
+)  # fmt: skip
+def test_an_argument_of_another_type_is_one_sentence(call: Callable[[], Any], sentence: str) -> None:
+    with pytest.raises(ch.InputError) as error:
+        call()
+    assert sentence in str(error.value)
+
+
+def test_numbers_of_numpy_are_numbers_in_what_is_written() -> None:
+    """Their text is no TOML, so a controller lost the pressure at which its piston lands."""
+    plant = {name: p.value for name, p in wet_clutch.load_nominal().items()}
+    controller = load_node("controller")().parameters
+    values = derive_controller_values({name: np.float64(value) for name, value in plant.items()}, plant, controller)
+    assert values == derive_controller_values(plant, plant, controller)

@@ -88,7 +88,7 @@ def read_proposal(source: str, proposed: Any) -> Experiment:
         )
     settings = proposed.get("settings", {})
     try:
-        shift = float(settings.get("shift", 0.0))
+        shift = float(settings["shift"]) if "shift" in settings else 0.0
         return Experiment(str(proposed["profile"]), float(settings["temperature"]), int(settings["rate"]), shift)
     except (KeyError, TypeError, ValueError):
         raise InputError(

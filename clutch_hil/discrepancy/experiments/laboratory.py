@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
+from clutch_hil.bench.arguments import take_whole
 from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.judgement.calibration_check import CONTACT
 from clutch_hil.bench.recording import make_writable, reserve_run_path
@@ -147,7 +148,7 @@ def play_experiment(
     named = find(experiment) if isinstance(experiment, str) else read_proposal("the result", experiment)
     settings = {"plant_parameters": plant_parameters, "seed": seed}
     under_test = compose_scenario(scenario, settings, plant, effects=effects)
-    played = named.with_rate(None if rate is None else check_rate(rate))
+    played = named.with_rate(None if rate is None else check_rate(take_whole("rate", rate)))
     if isinstance(experiment, str):
         played = played.fit_to_contact(find_contact(under_test))
     with (

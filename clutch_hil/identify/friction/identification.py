@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.bench.arguments import take_function, take_runs
+from clutch_hil.bench.arguments import take_function, take_list, take_name, take_number, take_runs, take_whole
 from clutch_hil.identify.friction.excitation import find_excited, judge_break_points
 from clutch_hil.identify.friction.intervals import compute_intervals
 from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, PARAMETERS, RIGID, Law, Structure, Values, find_law
@@ -70,15 +70,18 @@ def identify_friction(
     `elements` and `terms` fix the law; if None, held-out stretches decide. `starts` searches, spread by `seed`. `progress(what,
     share)`. Raises InputError.
     """
-    chosen, progress = find_law(law), take_function("progress", progress)
+    chosen, progress = find_law(take_name("law", law)), take_function("progress", progress)
     given, judging = take_runs("runs", runs), take_runs("holdout", holdout)
-    columns = Columns(position=position, force=force, load=load, speed=speed, time=time)
-    own_map = load_map(map_name) if map_name else None
+    named = {"position": position, "force": force, "load": load, "speed": speed, "time": time}
+    columns = Columns(**{what: take_name(what, name) for what, name in named.items()})
+    own_map = load_map(take_name("map_name", map_name)) if map_name else None
+    low_pass, rate = take_number("low-pass", low_pass), take_number("rate", rate)
     for name, value in (("low-pass", low_pass), ("rate", rate)):
         if not 0.0 <= value < np.inf:
             raise InputError(f"{name} is {value:g} Hz; allowed is 0 or more")
-    if starts < 1:
-        raise InputError(f"number of starts is {starts}; allowed is 1 or more")
+    starts, seed, rig = take_whole("number of starts", starts, 1), take_whole("seed", seed), take_name("rig", rig)
+    elements = None if elements is None else take_whole("number of elements", elements, 1)
+    terms = None if terms is None else [take_name("terms", term) for term in take_list("terms", terms)]
     sampling = Sampling(low_pass, rate, low_pass_name="low-pass")
     records = read_records(given, columns, own_map, sampling)
     held = read_records(judging, columns, own_map, sampling) if judging else []

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.bench.arguments import take_path
 from clutch_hil.identify.friction.law import CONSTANTS, PARAMETERS, Structure, find_law
 from plant_sim.friction.model import FrictionModel
 from plant_sim.rigs.position_feedforward import Feedforward
@@ -162,7 +163,7 @@ class IdentifiedFriction:
 
 def read_friction(path: Path | str) -> IdentifiedFriction:
     """The law in a file that `clutch-hil identify --friction` wrote. Raises InputError, which names the entry."""
-    path = Path(path)
+    path = take_path("path", path)
     with name_file_in_errors("file", path):
         return _read_friction(path)
 

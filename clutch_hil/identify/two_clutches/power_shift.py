@@ -28,7 +28,7 @@ from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.clutch_effects import DELAY, DRAG, PRESSURE, TORQUE, estimate_line
 from clutch_hil.identify.clutch_fit import Progress
 from clutch_hil.identify.controller_values import derive_controller_values
-from clutch_hil.identify.fit_plan import Subject, Wishes, check_names, check_ties
+from clutch_hil.identify.fit_plan import Subject, Wishes, check_names, check_ties, take_wishes
 from clutch_hil.identify.identification import Identification, identify_subject
 from clutch_hil.identify.misfit import measure_misfit, warn_misfit
 from clutch_hil.identify.recorded_runs.motor_limit import LIMIT, find_motor_limit
@@ -78,7 +78,7 @@ def identify_power_shift(
     if not runs:
         raise InputError("the identification has no runs; one or more are needed")
     whole = find_rig(RIG).plant.load_parameters()
-    wishes = Wishes(hold or {}, bounds or {}, ties or {}, force)
+    wishes = take_wishes(hold, bounds, ties, force)
     held = _check(wishes, whole)
     evidence = read_evidence(runs, RIG, NEEDED)
     given = {n: (held[n].value, "held by the user") for n in wishes.hold if n.partition(".")[0] not in CLUTCHES}

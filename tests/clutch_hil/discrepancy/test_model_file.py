@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -14,6 +15,7 @@ from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.result import NAMED, Estimate, Result
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet
 from protocols.files.runs import read_run
 
 SHIPPED = wet_clutch.load_nominal()
@@ -45,6 +47,13 @@ def test_the_rig_reads_what_was_found(tmp_path: Path) -> None:
         assert combine_hashes(HASHES)[:16] in parameter.source
     changed = {name for name in model if model[name] != SHIPPED[name]}
     assert changed == {FORCE.name, SLOPE.name}
+
+
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
+    declared = ParameterSet({n: replace(p, uncertainty=np.float64(p.uncertainty)) for n, p in SHIPPED.items()})
+    carried = replace(make_result([], []), surrogate={"values": {"residual_torque.offset": np.float64(0.5)}})
+    write_model(carried, declared, path := tmp_path / "model.toml")
+    assert wet_clutch.load_nominal(path)["residual_torque.offset"].value == 0.5
 
 
 def test_the_head_says_what_it_was_made_of(tmp_path: Path) -> None:
