@@ -41,11 +41,11 @@ _SPAN = 1.0  # s, span of the temperature differences: the noise is 0.1 K
 
 @dataclass(frozen=True)
 class Samples:
-    """Means over MEAN of all runs together, (n,) each.
+    """Means over about MEAN of all runs together, (n,) each.
 
     voltage [V], pressure [bar], slip [rad/s], torque, motor [Nm], temperature [degC], error of the speed [rad/s], rates of
-    pressure [bar/s] and slip [rad/s^2]. last: mask of the last mean of each run. contact_torque [Nm]: see
-    `estimate_contact_torque`.
+    pressure [bar/s] and slip [rad/s^2]. last: mask of the last mean of each run. seconds [s]: length of each mean, a whole
+    number of rows. contact_torque [Nm]: see `estimate_contact_torque`.
     """
 
     contact_torque: float
@@ -59,6 +59,7 @@ class Samples:
     pressure_rate: np.ndarray
     slip_rate: np.ndarray
     last: np.ndarray
+    seconds: np.ndarray
 
     @property
     def calm(self) -> np.ndarray:
@@ -89,7 +90,7 @@ class Samples:
 
 def take_samples(runs: Sequence[Columns]) -> Samples:
     """Return means over MEAN of all runs."""
-    columns: list[list[np.ndarray]] = [[] for _ in range(10)]
+    columns: list[list[np.ndarray]] = [[] for _ in range(11)]
     for run in runs:
         period = float(run["time_s"][1] - run["time_s"][0])
         block = max(1, round(MEAN / period))
@@ -106,7 +107,7 @@ def take_samples(runs: Sequence[Columns]) -> Samples:
         means = [*(average(run[name]) for name in names), average(error)]
         rates = [np.gradient(means[k], block * period) if count > 1 else np.zeros(count) for k in (1, 2)]
         last = np.arange(count) == count - 1
-        for values, more in zip(columns, [*means, *rates, last], strict=True):
+        for values, more in zip(columns, [*means, *rates, last, np.full(count, block * period)], strict=True):
             values.append(more)
     return Samples(estimate_contact_torque(runs), *map(np.concatenate, columns))
 
@@ -199,15 +200,18 @@ def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) ->
 def estimate_oil(s: Samples) -> dict[str, float] | None:
     """Estimate heat capacity [J/K], heat transfer [W/K] and sump temperature [degC]; None where the temperature hardly
     changes."""
-    step = max(1, round(_SPAN / MEAN))
-    inside = np.convolve(s.last, np.ones(step), "full")[step - 1 : -step] == 0  # window k..k+step within one run
-    power = np.concatenate([[0.0], np.cumsum(np.abs(s.torque * s.slip) * MEAN)])
-    warm = np.concatenate([[0.0], np.cumsum(s.temperature * MEAN)])
-    at = np.flatnonzero(inside[: len(s.slip) - step])
-    if len(at) < 5:
+    time, power, warm = (
+        np.concatenate([[0.0], np.cumsum(values * s.seconds)])
+        for values in (np.ones_like(s.slip), np.abs(s.torque * s.slip), s.temperature)
+    )
+    begin, last = np.arange(len(s.slip)), np.flatnonzero(s.last)
+    end = begin + np.maximum(1, np.round(_SPAN / s.seconds).astype(int))
+    inside = end <= last[np.searchsorted(last, begin)]  # both in one run
+    if np.count_nonzero(inside) < 5:
         return None
-    rise = s.temperature[at + step] - s.temperature[at]
-    terms = np.column_stack([power[at + step] - power[at], -(warm[at + step] - warm[at]), np.full(len(at), _SPAN)])
+    begin, end = begin[inside], end[inside]
+    rise = s.temperature[end] - s.temperature[begin]
+    terms = np.column_stack([power[end] - power[begin], -(warm[end] - warm[begin]), time[end] - time[begin]])
     (a, b, c), *_ = np.linalg.lstsq(terms, rise, rcond=None)
     if not (a > 0.0 and b > 0.0):
         return None
@@ -219,7 +223,7 @@ def estimate_motor(s: Samples, limit: float) -> dict[str, float]:
     [Nm]."""
     k = np.flatnonzero(~s.last[:-1])
     estimates: dict[str, float] = {}
-    balance = 0.5 * ((s.motor - s.torque)[k] + (s.motor - s.torque)[k + 1]) * MEAN
+    balance = 0.5 * ((s.motor - s.torque)[k] + (s.motor - s.torque)[k + 1]) * s.seconds[k]
     change = s.slip[k + 1] - s.slip[k]
     fast = np.abs(change) > 0.2
     if (
@@ -228,7 +232,7 @@ def estimate_motor(s: Samples, limit: float) -> dict[str, float]:
     ):
         estimates["motor.inertia"] = inertia
     free = (np.abs(s.motor[k]) < _NEAR_LIMIT * limit) & (np.abs(s.motor[k + 1]) < _NEAR_LIMIT * limit)
-    terms = np.column_stack([s.error[k + 1] - s.error[k], 0.5 * (s.error[k] + s.error[k + 1]) * MEAN])[free]
+    terms = np.column_stack([s.error[k + 1] - s.error[k], 0.5 * (s.error[k] + s.error[k + 1]) * s.seconds[k]])[free]
     if len(terms) > 5:
         (proportional, integral), *_ = np.linalg.lstsq(terms, (s.motor[k + 1] - s.motor[k])[free], rcond=None)
         for name, value in (("motor.proportional_gain", proportional), ("motor.integral_gain", integral)):

@@ -264,12 +264,13 @@ def _estimate_start(runs: Sequence[Columns], model: DrivelineModel) -> tuple[dic
     rows, aims = [], []
     ratios = [p[f"driveline.ratio_{clutch}"].value for clutch in CLUTCHES]
     for columns, (_, out) in zip(runs, speeds, strict=True):
-        block = max(1, round(MEAN / float(columns["time_s"][1] - columns["time_s"][0])))
+        period = float(columns["time_s"][1] - columns["time_s"][0])
+        block = max(1, round(MEAN / period))
         count = len(out) // block
         own = (out, *(columns[name] for name in TORQUES))
         speed, *torque = (values[: count * block].reshape(count, block).mean(axis=1) for values in own)
         force = np.convolve(ratios[0] * torque[0] + ratios[1] * torque[1], np.ones(_WINDOW) / _WINDOW, "valid")
-        rate = (speed[_WINDOW - 1 :] - speed[: len(force)]) / ((_WINDOW - 1) * MEAN)
+        rate = (speed[_WINDOW - 1 :] - speed[: len(force)]) / ((_WINDOW - 1) * block * period)
         middle = speed[_WINDOW // 2 : _WINDOW // 2 + len(force)]
         moving = np.abs(middle) > _MOVING
         rows.append(np.column_stack([rate, np.sign(middle)])[moving])
