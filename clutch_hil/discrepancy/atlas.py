@@ -2,7 +2,7 @@
 
 Size            root of the mean power of a source (sources.py) over a regime: sqrt(rms^2 - floor^2), without the error of the
                 floor
-Test            u_b: sum of the `tested` values of a source over the samples of a regime in block b of 0.25 s, clipped
+Test            u_b: sum of the `tested` values of a source over the samples of a regime in block b of 62 means, clipped
                 z = sum u_b/sqrt(sum u_b^2)
                 p: share of random signs of the blocks for which the z of any source and regime is as large
 Assumptions     the noise of a sensor is correlated over less than 16 ms and is independent of the noise of other sensors; its
@@ -24,7 +24,6 @@ from clutch_hil.discrepancy.sources import (
     DRIVE,
     FRICTION,
     HYDRAULICS,
-    MEAN,
     MOTOR,
     PRESSURE,
     SENSORS,
@@ -41,7 +40,7 @@ REGIME_LEVEL = 0.05  # p-value of each named regime, where one regime is signifi
 # floors: root of 1.1^2 - 1, because an error within 1.1 floors counts as closed (docs/battery.md)
 LEAST_DISAGREEMENT = 0.458
 LEAST_IN_PHASE = 1.0  # floors: least size of a claim for one regime only
-_SIGN_BLOCK = 0.25  # s: products of residuals further apart than this are independent
+_SIGN_BLOCK = 62  # means, 0.25 s at 1 kHz: products of residuals further apart than this are independent
 _SIGN_DRAWS = 2000  # number of random signs: the smallest p-value is 1/2001
 _CLIP = 2.0  # of the median size of u; 5 % less efficient where u is normal (Huber 1981, Robust Statistics, ch. 4)
 _DRAWS_AT_ONCE = 250  # number of random signs drawn at once: limits the memory
@@ -202,7 +201,7 @@ def pool_sources(run_sources: Sequence[Source], runs: Sequence[Columns], regimes
         n = len(run_sources[0].power[k])
         for name, mask in regimes(run).items():
             masks.setdefault(name, []).append(average(mask.astype(float), run) > 0.5)
-        blocks.append(begin + np.arange(n) // max(1, round(_SIGN_BLOCK / MEAN)))
+        blocks.append(begin + np.arange(n) // _SIGN_BLOCK)
         begin = int(blocks[-1][-1]) + 1
     whole = {name: np.concatenate(parts) for name, parts in masks.items()}
     whole = {name: mask for name, mask in whole.items() if np.mean(mask) > _LEAST_TIME}

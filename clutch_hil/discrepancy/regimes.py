@@ -68,12 +68,7 @@ class _ClutchRegimes:
         self._gain = parameters["valve.gain"]
         self._contact = parameters["piston.contact_pressure"]
         self._preload = parameters.get("piston.preload_pressure", self._contact)
-        noise = max(float(np.median([estimate_noise(run["cylinder_pressure_bar"]) for run in runs])), 1e-6)
-        self._window = float(
-            np.clip(
-                _choose_slope_window(noise, _SLOPE_NOISE * _LEAST_SLOPE, _compute_period(runs[0])), _NARROWEST, _WIDEST
-            )
-        )
+        self._noise = max(float(np.median([estimate_noise(run["cylinder_pressure_bar"]) for run in runs])), 1e-6)
         touching = [self._find_phases(run)[1] for run in runs]
         self._thirds = {
             "pressure": _find_terciles([r["cylinder_pressure_bar"][on] for r, on in zip(runs, touching, strict=True)]),
@@ -83,7 +78,9 @@ class _ClutchRegimes:
 
     def __call__(self, run: Columns) -> Masks:
         phases, contact = self._find_phases(run)
-        slope = np.gradient(_smooth(run["cylinder_pressure_bar"], self._window, run), _compute_period(run))
+        needed = _choose_slope_window(self._noise, _SLOPE_NOISE * _LEAST_SLOPE, _compute_period(run))
+        window = float(np.clip(needed, _NARROWEST, _WIDEST))
+        slope = np.gradient(_smooth(run["cylinder_pressure_bar"], window, run), _compute_period(run))
         masks = {f"phase={name}": inside for name, inside in phases.items()}
         masks["direction=apply"], masks["direction=release"] = (
             contact & (slope > _LEAST_SLOPE),

@@ -6,6 +6,7 @@ coherence       with each input: the maximum, and its frequency. In 5 runs of 24
 orders          of residuals over the shaft's angle, in periods per turn: the largest amplitude, and its order
 loop            mean torque with rising pressure minus mean torque with falling pressure: measured and simulated
 cross           correlation of the residuals of two outputs
+Runs of several rates: autocorrelation and coherence are those of the runs at the rate of most of the time
 """
 
 from collections.abc import Sequence
@@ -16,10 +17,10 @@ import numpy as np
 from scipy.signal import coherence
 
 from clutch_hil.discrepancy.regimes import Regimes
-from clutch_hil.discrepancy.sources import MEAN, PRESSURE, TORQUE, average, find_sources
+from clutch_hil.discrepancy.sources import PRESSURE, TORQUE, average, compute_step, find_sources, select_usual
 from clutch_hil.fitting.model import Columns, Model, Values
 
-_SEGMENT = 512  # means of 4 ms: 2 s, about 60 segments in 5 runs of 24 s
+_SEGMENT = 512  # means: 2 s at 1 kHz, about 60 segments in 5 runs of 24 s
 _LEAST_CORRELATION = 0.05  # smaller correlations are left out
 _ANGLE = "shaft_angle_rad"
 _ORDERS = np.arange(0.5, 60.01, 0.5)  # periods per turn
@@ -36,14 +37,18 @@ def compute_statistics(
         o.column: [average(run[o.column] - s[o.column], run) for run, s in zip(runs, shown, strict=True)]
         for o in model.outputs
     }
+    steps = [compute_step(run) for run in runs]
+    alike = select_usual(steps, [len(run["time_s"]) for run in runs])
+    step, usual = steps[alike[0]], [runs[k] for k in alike]
     outputs: dict[str, Any] = {}
     for output in model.outputs:
         parts = residuals[output.column]
+        own = [parts[k] for k in alike]
         raw = np.concatenate([run[output.column] - s[output.column] for run, s in zip(runs, shown, strict=True)])
         outputs[output.column] = {
             "rms_times_floor": _round_digits(np.sqrt(np.mean(raw**2)) / floors[output.column]),
-            "autocorrelation_s": _find_correlation_time(parts),
-            "coherence": {name: _find_coherence(parts, runs, name) for name in model.inputs},
+            "autocorrelation_s": _find_correlation_time(own, step),
+            "coherence": {name: _find_coherence(own, usual, name, step) for name in model.inputs},
         }
         if all(_ANGLE in run for run in runs):
             order, amplitude = _find_order(parts, runs)
@@ -69,8 +74,8 @@ def _round_digits(value: float) -> float:
     return float(f"{float(value):.4g}")
 
 
-def _find_correlation_time(parts: Sequence[np.ndarray]) -> float | None:
-    """Return the time [s] in which the correlated part decays to 1/e; None where the residuals are white."""
+def _find_correlation_time(parts: Sequence[np.ndarray], step: float) -> float | None:
+    """Return the time [s] in which the correlated part decays to 1/e; None where they are white. step [s]: between means."""
     most = min(max(map(len, parts)) // 2, 2000)
     total = np.zeros(most)
     for part in parts:
@@ -81,15 +86,16 @@ def _find_correlation_time(parts: Sequence[np.ndarray]) -> float | None:
     if total[1] <= 0.02 * total[0]:  # white noise contributes to lag 0 only
         return None
     below = np.flatnonzero(total[1:] < total[1] / np.e)
-    return _round_digits(MEAN * (1 + int(below[0]) if len(below) else most))
+    return _round_digits(step * (1 + int(below[0]) if len(below) else most))
 
 
-def _find_coherence(parts: Sequence[np.ndarray], runs: Sequence[Columns], name: str) -> dict[str, float]:
+def _find_coherence(parts: Sequence[np.ndarray], runs: Sequence[Columns], name: str, step: float) -> dict[str, float]:
     inputs = np.concatenate([average(run[name] - run[name].mean(), run) for run in runs])
-    if not float(np.ptp(inputs)) > 0.0:
+    left = np.concatenate(parts)
+    if not (float(np.ptp(inputs)) > 0.0 and float(np.ptp(left)) > 0.0):
         return {"largest": 0.0, "hz": 0.0}
     segment = min(_SEGMENT, len(inputs) // 4)
-    hertz, size = coherence(inputs, np.concatenate(parts), 1.0 / MEAN, nperseg=segment)
+    hertz, size = coherence(inputs, left, 1.0 / step, nperseg=segment)
     best = 1 + int(np.argmax(size[1:]))
     return {"largest": _round_digits(size[best]), "hz": _round_digits(hertz[best])}
 

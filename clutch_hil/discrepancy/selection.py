@@ -64,6 +64,8 @@ class EffectSelection:
         evidence, base, start = self.evidence, self.fits.base, self.fits.start
         self.final = base
         self.explanation = self.fits.explain(base, 0)
+        if not self.candidates:  # all of them are evident, or the model has none
+            return
         self.progress("candidates", 0.1)
         self.search = CandidateSearch(evidence, start, 0.5 * LEAST_GAIN * evidence.count)
         ranked = self.search.screen(

@@ -13,7 +13,7 @@ import numpy as np
 from clutch_hil.fitting.model import Columns, Locating, Model, Values
 from clutch_hil.fitting.noise import estimate_noise
 
-MEAN = 4e-3  # s: samples are averaged over this time, as in the fit (evidence.py)
+MEAN = 4e-3  # s: samples are averaged over about this time, a whole number of rows, as in the fit (evidence.py)
 LATER = 4, 5, 6  # lags of tested products, in means: 16 to 24 ms, so that coloured noise of 10 ms has no effect
 SENSORS, DRIVE, FRICTION, HYDRAULICS = "sensors", "drive", "friction", "hydraulics"
 PRESSURE, SLIP, TORQUE = "cylinder_pressure_bar", "slip_speed_rad_s", "clutch_torque_nm"
@@ -69,7 +69,7 @@ def find_sources(
 
 def free(x: np.ndarray, raw: np.ndarray, run: Columns) -> np.ndarray:
     """Return x^2 minus the power in the means `x` of white noise as large as in the samples `raw`."""
-    return x**2 - estimate_noise(raw) ** 2 / max(1, round(MEAN / compute_period(run)))
+    return x**2 - estimate_noise(raw) ** 2 / count_rows(run)
 
 
 def compute_products(x: np.ndarray, lag: int) -> np.ndarray:
@@ -91,7 +91,7 @@ def _compute_residuals(model: Model, floors: Values, run: Columns, shown: Column
 
 def average(values: np.ndarray, run: Columns) -> np.ndarray:
     """Return means over MEAN."""
-    size = max(1, round(MEAN / compute_period(run)))
+    size = count_rows(run)
     n = len(values) // size
     return np.asarray(values[: n * size].reshape(n, size).mean(axis=1))
 
@@ -99,3 +99,23 @@ def average(values: np.ndarray, run: Columns) -> np.ndarray:
 def compute_period(run: Columns) -> float:
     """Return the sample period of a run [s]."""
     return float(run["time_s"][1] - run["time_s"][0])
+
+
+def count_rows(run: Columns) -> int:
+    """Return the number of rows of a mean."""
+    return max(1, round(MEAN / compute_period(run)))
+
+
+def compute_step(run: Columns) -> float:
+    """Return the time between two means [s]: MEAN at 1 kHz, 10 ms at 100 Hz."""
+    return count_rows(run) * compute_period(run)
+
+
+def select_usual(steps: Sequence[float], counts: Sequence[int]) -> list[int]:
+    """Return the indices of the series whose `steps` [s] most of the time has, for statistics over lags or frequencies.
+
+    counts: number of values of each series.
+    """
+    alike = [round(step, 9) for step in steps]
+    usual = max(alike, key=lambda step: sum(n * one for one, n in zip(alike, counts, strict=True) if one == step))
+    return [k for k, step in enumerate(alike) if step == usual]

@@ -19,13 +19,15 @@ from scipy.signal import cont2discrete, lfilter, welch
 from clutch_hil.discrepancy.sources import (
     FRICTION,
     HYDRAULICS,
-    MEAN,
     PRESSURE,
     SENSORS,
     TORQUE,
     Source,
     average,
+    compute_step,
+    count_rows,
     find_sources,
+    select_usual,
 )
 from clutch_hil.fitting.model import Columns, Model, Values
 from plant_sim.effects.catalogue import find_effect
@@ -37,6 +39,7 @@ from protocols.files.units import BAR
 _LEAST_R2_GAIN = 0.02  # of a further term
 _MOST_TERMS = 6  # a description with more terms is not useful
 _RIDGE = 1e-6  # of a term's mean square: similar terms then share their coefficient
+_SEGMENT = 512  # means, of a spectrum: 2 s at 1 kHz
 _LEAST_R2 = 0.3  # with a smaller R^2 the terms describe nothing
 _ORDERS = range(1, 61)  # periods per turn that are searched
 _TERM_TEXTS = {  # term -> the variables it depends on, and the kind of dependence
@@ -85,10 +88,12 @@ def describe_residual(
     one = max(run_sources, key=lambda s: float(np.mean(np.concatenate(s.power))) / floors[s.column] ** 2)
     shown = [model.simulate(run, parameters, effects) for run in runs]
     target = _choose_target(model, one, runs, shown, parameters)
-    noise = floors[target.column] ** 2 / max(1, round(MEAN / _compute_period(runs[0])))
+    noise = sum(
+        floors[target.column] ** 2 / count_rows(run) * len(r) for run, r in zip(runs, target.residual, strict=True)
+    )
     names, r2 = _choose_terms(target, noise)
     if not names or not (r2 >= _LEAST_R2 or len(runs) == 1):
-        return _make_description(one, [], r2, {}, _describe_unexplained(one, target, r2))
+        return _make_description(one, [], r2, {}, _describe_unexplained(one, target, r2, runs))
     coefficients = _fit_terms(target, names)
     values = {}
     if target.effect:
@@ -135,11 +140,14 @@ def _name_place(one: Source) -> str:
     return f"{one.block.capitalize()}, {one.column}"
 
 
-def _describe_unexplained(one: Source, target: Target, r2: float) -> str:
+def _describe_unexplained(one: Source, target: Target, r2: float, runs: Sequence[Columns]) -> str:
     """Return the sentence for a residual that no term explains: whether it has a dominant frequency."""
-    segment = min(512, *(len(r) for r in target.residual))
-    power = np.mean([welch(r, 1.0 / MEAN, nperseg=segment)[1] for r in target.residual], axis=0)
-    hertz = np.arange(len(power)) / (segment * MEAN)
+    steps = [compute_step(run) for run in runs]
+    alike = select_usual(steps, [len(r) for r in target.residual])
+    step, left = steps[alike[0]], [target.residual[k] for k in alike]
+    segment = min(_SEGMENT, *(len(r) for r in left))
+    power = np.mean([welch(r, 1.0 / step, nperseg=segment)[1] for r in left], axis=0)
+    hertz = np.arange(len(power)) / (segment * step)
     peak = 2 + int(np.argmax(power[2:])) if len(power) > 3 else 0
     sharp = power[peak] > 10.0 * float(np.median(power[2:])) and peak > 2
     own = f"it oscillates at {hertz[peak]:.1f} Hz" if sharp else "it has no dominant frequency"
@@ -252,12 +260,14 @@ def _find_order(one: Source, runs: Sequence[Columns]) -> int:
 
 
 def _choose_terms(target: Target, noise: float) -> tuple[list[str], float]:
-    """Return the names of the chosen terms and their R^2 on left-out runs; not-a-number for a single run."""
+    """Return the names of the chosen terms and their R^2 on left-out runs; not-a-number for a single run.
+
+    noise: sum of squares of the noise in all residuals.
+    """
     every = list(target.terms[0])
     grams = [_make_normal_equations(terms, r, every) for terms, r in zip(target.terms, target.residual, strict=True)]
     total = sum(float(r @ r) for r in target.residual)
-    count = sum(len(r) for r in target.residual)
-    excess = max(total - noise * count, 1e-12 * total, 1e-300)
+    excess = max(total - noise, 1e-12 * total, 1e-300)
     alone = len(grams) == 1
     chosen: list[str] = []
     best = 0.0
@@ -267,7 +277,7 @@ def _choose_terms(target: Target, noise: float) -> tuple[list[str], float]:
             if name not in chosen:
                 names = [*chosen, name, *([_PARTNER[name]] if name in _PARTNER else [])]
                 missed = _compute_error_left_out(grams, [every.index(n) for n in names], alone)
-                trials[tuple(names)] = 1.0 - (missed - noise * count) / excess
+                trials[tuple(names)] = 1.0 - (missed - noise) / excess
         if not trials:
             break
         taken = max(trials, key=lambda n: trials[n])

@@ -32,7 +32,6 @@ from clutch_hil.discrepancy.sources import (
     FRICTION,
     HYDRAULICS,
     LATER,
-    MEAN,
     MOTOR,
     PRESSURE,
     SENSORS,
@@ -41,6 +40,7 @@ from clutch_hil.discrepancy.sources import (
     average,
     compute_period,
     compute_products,
+    compute_step,
     free,
 )  # fmt: skip
 from clutch_hil.fitting.model import Columns, RunSource, Values
@@ -124,7 +124,7 @@ def locate(
 
 def _balance_motor(run: Columns, r: Columns, shown: Columns, values: Values) -> np.ndarray:
     """Return x_3 (means,) [Nm]."""
-    turning = values["motor.inertia"] * np.gradient(average(_find_slip_error(run, r, shown), run), MEAN)
+    turning = values["motor.inertia"] * np.gradient(average(_find_slip_error(run, r, shown), run), compute_step(run))
     return average(r[MOTOR], run) - turning
 
 

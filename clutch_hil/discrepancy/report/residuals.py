@@ -11,6 +11,7 @@ from scipy.signal import welch
 
 from clutch_hil.discrepancy.report.wording import SIGNIFICANT, compute_ratio
 from clutch_hil.discrepancy.result import NOTHING, Claim, Result, Trace
+from clutch_hil.discrepancy.sources import select_usual
 from clutch_hil.fitting.model import Columns
 
 Regimes = Callable[[Columns], Mapping[str, np.ndarray]]  # columns of a run -> samples (n,) of each regime, by its name
@@ -277,9 +278,15 @@ class Residuals:
                 return True
         return False
 
+    def _list_usual_traces(self, column: str) -> list[Trace]:
+        """Return the held-out traces with an output that have the rate of most of the time: lags and lines are theirs."""
+        traces = self.list_held_out_traces(column)
+        periods, counts = [compute_period(trace) for trace in traces], [len(list_times(trace)) for trace in traces]
+        return [traces[k] for k in select_usual(periods, counts)]
+
     def compute_autocorrelation(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray, float]:
         """Return lags [s], autocorrelation of the residual in the judged runs, and half-width of white noise's 95 % band."""
-        traces = self.list_held_out_traces(column)
+        traces = self._list_usual_traces(column)
         shortest = min(len(list_times(trace)) for trace in traces)
         lags = max(10, round(_LONGEST_LAG * shortest))
         total, samples = np.zeros(lags), 0
@@ -295,7 +302,7 @@ class Residuals:
     def compute_spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
         """Return frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
         powers = []
-        traces = self.list_held_out_traces(column)
+        traces = self._list_usual_traces(column)
         length = min(_SEGMENT, *(len(list_times(trace)) // 2 for trace in traces))
         for trace in traces:
             residual = self.compute_error(trace, column, when)
