@@ -168,7 +168,7 @@ def _choose_target(
 ) -> Target:
     clutch = "piston.contact_pressure" in parameters and PRESSURE in shown[0]
     if not clutch:
-        return Target(list(one.residual), [_make_input_terms(model, run) for run in runs], "", one.column)
+        return Target(list(one.residual), _make_input_terms(model, runs), "", one.column)
     if one.block == HYDRAULICS:
         residual = [average(run[PRESSURE] - s[PRESSURE], run) for run, s in zip(runs, shown, strict=True)]
         terms = [_make_demand_terms(run, parameters) for run in runs]
@@ -235,18 +235,23 @@ def _make_demand_terms(run: Columns, parameters: Values) -> Terms:
     return {name: average(lfilter(np.ravel(b), a, values * asked), run) for name, values in terms.items()}
 
 
-def _make_input_terms(model: Model, run: Columns) -> Terms:
-    """Return terms of any other model: inputs, their squares, signs of their slopes, and time, each divided by its spread."""
-    terms = {"level": np.ones(len(run["time_s"])), "time": run["time_s"] / max(float(run["time_s"][-1]), 1e-9)}
+def _make_input_terms(model: Model, runs: Sequence[Columns]) -> list[Terms]:
+    """Return terms of any other model by run: inputs, their squares, signs of their slopes, and time.
+
+    Each is divided by its spread in all runs together, so that one coefficient is the same law in each run.
+    """
+    longest = max(float(run["time_s"][-1] - run["time_s"][0]) for run in runs)
+    terms = [
+        {"level": np.ones(len(run["time_s"])), "time": (run["time_s"] - run["time_s"][0]) / longest} for run in runs
+    ]
     for name in model.inputs:
-        x = (run[name] - run[name].mean()) / max(float(run[name].std()), 1e-12)
-        rate = np.gradient(x)
-        terms |= {
-            f"{name}": x,
-            f"{name}^2": x**2,
-            f"direction of {name}": np.tanh(rate / max(float(rate.std()), 1e-12)),
-        }
-    return {name: average(values, run) for name, values in terms.items()}
+        whole = np.concatenate([run[name] for run in runs])
+        scaled = [(run[name] - whole.mean()) / max(float(whole.std()), 1e-12) for run in runs]
+        rates = [np.gradient(x, _compute_period(run)) for x, run in zip(scaled, runs, strict=True)]
+        usual = max(float(np.concatenate(rates).std()), 1e-12)
+        for own, x, rate in zip(terms, scaled, rates, strict=True):
+            own |= {name: x, f"{name}^2": x**2, f"direction of {name}": np.tanh(rate / usual)}
+    return [{name: average(v, run) for name, v in own.items()} for own, run in zip(terms, runs, strict=True)]
 
 
 def _find_order(one: Source, runs: Sequence[Columns]) -> int:

@@ -1,6 +1,6 @@
 """Rates of runs: times and frequencies of a residual are right at any rate, and for runs of several rates together."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -107,6 +107,28 @@ def test_the_share_of_a_term_is_that_beyond_the_noise_of_each_run(rates: Sequenc
     described = describe_residual(Spring(), runs, {FORCE: NOISE}, {}, {})
     assert described["variables"] == [DEMAND]
     assert described["r2"] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("law", "shape"),
+    [
+        (lambda x, t: 0.3 * x, f"proportional to {DEMAND}"),
+        (lambda x, t: 0.3 * x**2, f"quadratic in {DEMAND}"),
+        (lambda x, t: 0.02 * t, "growing with time"),
+    ],
+)
+def test_one_law_is_found_in_runs_of_other_sizes_and_lengths(
+    law: Callable[[np.ndarray, np.ndarray], np.ndarray], shape: str
+) -> None:
+    runs = []
+    for k, (size, middle, share) in enumerate(((1.0, 0.0, 1.0), (0.3, 0.0, 0.5), (2.0, 1.0, 0.7))):
+        run = {name: values[: round(share * len(values))] for name, values in record(1000.0, seed=k).items()}
+        demand = middle + size * run[DEMAND]
+        added = 2.0 * (demand - run[DEMAND]) + law(demand, run["time_s"])
+        runs.append({**run, "time_s": 40.0 * k + run["time_s"], DEMAND: demand, FORCE: run[FORCE] + added})
+    described = describe_residual(Spring(), runs, {FORCE: NOISE}, {}, {})
+    assert shape in described["shape"]
+    assert described["r2"] == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_search_without_candidates_says_whether_something_is_missing() -> None:
