@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from clutch_hil.fitting.model import Columns, Values
-from clutch_hil.identify.stepwise import Samples, estimate_contact, take_samples
+from clutch_hil.identify.stepwise import MEAN, Samples, estimate_contact, take_samples
 from plant_sim.effects.catalogue import load_effects as catalogue
 from protocols.files.parameters import Parameter
 
@@ -42,6 +42,7 @@ SENSORS = (PRESSURE, TORQUE, MOTOR, SPEED)  # offsets of sensors
 HYDRAULIC_EFFECTS = (PRESSURE, DELAY)  # effects on the measured pressure
 _BEGIN: Mapping[str, float] = {DELAY: 1.0, DRAG: 1e-3}  # ms, Nm s/rad: a start inside their bounds
 _VENTED = 0.4  # s after the voltage is 0: the springs have then pressed the oil out
+EMPTY = 0.3  # bar: a cylinder with less is empty, whatever the zero of its sensor is
 _NO_VOLTAGE = 0.01  # V: a lower voltage counts as none; a hundredth of the voltage that moves a piston
 _LEAST_VENTED = 0.2  # s, least duration of vented rows: at 1 kHz the mean of a torque is then known to 4 mNm
 _LEAST_SPAN = 3.0  # rad/s, least span of slip of the open clutch that separates drag from an offset
@@ -62,8 +63,11 @@ def declare_effects() -> dict[str, Parameter]:
 
 def find_vented(run: Columns) -> np.ndarray:
     """Return a mask (n,) of the rows in which the cylinder is vented."""
-    window = max(1, round(_VENTED / float(run["time_s"][1] - run["time_s"][0])))
-    voltage = maximum_filter1d(run["valve_voltage_v"], window, mode="constant", cval=0.0, origin=(window - 1) // 2)
+    period = float(run["time_s"][1] - run["time_s"][0])
+    window = max(1, round(_VENTED / period))
+    first = run["cylinder_pressure_bar"][: max(1, round(MEAN / period))]
+    before = np.inf if np.median(first) > EMPTY else 0.0  # the valve was open before a run that was cut out
+    voltage = maximum_filter1d(run["valve_voltage_v"], window, mode="constant", cval=before, origin=(window - 1) // 2)
     return np.asarray(voltage <= _NO_VOLTAGE)
 
 

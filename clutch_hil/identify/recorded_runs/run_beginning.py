@@ -12,6 +12,7 @@ Assumptions     states that are not measured settle within `SETTLING`: valve, pi
 import numpy as np
 
 from clutch_hil.fitting.model import Columns
+from clutch_hil.identify.clutch_effects import EMPTY
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.files.units import BAR, ZERO_CELSIUS
 
@@ -21,7 +22,6 @@ _MOST_SETTLING = 0.1  # largest share of a run
 _WARMTH = 0.2  # s, averaging time of the initial temperature: in half of it the clutch is still open
 _LINE = 0.02  # s, length of the line through the first rows: shorter than any ramp of the profiles
 _LEAST_ROWS = 3  # least number of rows of this line
-_EMPTY = 0.3  # bar: below it the clutch is at rest, if the speed is the demanded one
 # rad/s, largest difference of a speed that counts as the demanded one: four steps of the encoder at 1 kHz
 AT_DEMAND = 0.15
 # rad/s, slip for computing the friction state of plates at rest: at 0 the model returns the holding torque
@@ -46,7 +46,7 @@ def begins_in_operation(columns: Columns, period: float) -> bool:
     if not {*_MEASURED} <= set(columns):
         return False
     pressure, slip = (fit_line(columns[name], period)[0] for name in _MEASURED[:2])
-    return bool(pressure > _EMPTY or abs(slip - columns["motor_speed_demand_rad_s"][0]) > AT_DEMAND)
+    return bool(pressure > EMPTY or abs(slip - columns["motor_speed_demand_rad_s"][0]) > AT_DEMAND)
 
 
 def begin_as_measured(

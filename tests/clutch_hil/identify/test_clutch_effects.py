@@ -15,6 +15,7 @@ from benchmarks.identification import (
     play,
     split_effects,
 )
+from clutch_hil.bench.in_memory import simulate
 from clutch_hil.fitting.model import Columns
 from clutch_hil.identify.clutch_effects import (
     DELAY,
@@ -73,10 +74,23 @@ def test_corrected_runs_have_no_offset(columns: list[Columns]) -> None:
 def test_a_cylinder_counts_as_vented_once_its_oil_is_out() -> None:
     voltage = np.zeros(3000)
     voltage[1000:1500] = 1.0
-    vented = find_vented({"time_s": 1e-3 * np.arange(3000), "valve_voltage_v": voltage})
+    run = {"time_s": 1e-3 * np.arange(3000), "valve_voltage_v": voltage, "cylinder_pressure_bar": 2.4 * voltage}
+    vented = find_vented(run)
     assert vented[:1000].all()
     assert not vented[1000:1890].any()
     assert vented[1905:].all()
+
+
+def test_a_run_that_is_cut_out_under_pressure_begins_with_a_cylinder_full_of_oil() -> None:
+    """Its valve was open before the first row, so the pressure there is no zero of the sensor."""
+    zero = 0.05  # bar
+    whole = simulate(
+        profile="pressure_steps", seconds=8.0, effects={"pressure_sensor_offset": {"offset": zero}}
+    ).columns
+    closes = np.flatnonzero((whole["valve_voltage_v"] <= 0.01) & (whole["cylinder_pressure_bar"] > 1.0))[0]
+    run = cut(whole, np.arange(len(whole["time_s"])) >= closes)
+    assert not find_vented(run)[:390].any()
+    assert estimate_effects([run])[0][PRESSURE] == pytest.approx(zero, abs=FIRST[PRESSURE])
 
 
 def cut(run: Columns, rows: np.ndarray) -> Columns:
