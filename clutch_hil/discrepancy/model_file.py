@@ -74,7 +74,8 @@ def _change(declared: Parameter, estimate: Estimate, source: str) -> Parameter:
     if estimate.unit != declared.unit:
         raise InputError(f"parameter {estimate.name} was fitted in {estimate.unit!r}; its unit is {declared.unit!r}")
     low, high = estimate.ci95
-    uncertainty = float(high - low) / (2.0 * _NORMAL_95)
+    # the longer side: an interval ends at the bounds of the parameter
+    uncertainty = float(max(high - estimate.value, estimate.value - low)) / _NORMAL_95
     return replace(declared, value=float(estimate.value), uncertainty=uncertainty, source=source)
 
 

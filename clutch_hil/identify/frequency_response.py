@@ -186,7 +186,7 @@ class LoopResponse:
                 )
             if channel.bandwidth is None:
                 warnings.append(
-                    f"{name} does not fall by 3 dB from {channel.frequency[0]:.3g} to {channel.frequency[-1]:.3g} Hz, the"
+                    f"{name} does not cross -3 dB from {channel.frequency[0]:.3g} to {channel.frequency[-1]:.3g} Hz, the"
                     " range that these runs excite: no bandwidth"
                 )
         return warnings

@@ -277,7 +277,7 @@ def _project_nuisance_out(record: LiftRecord) -> Callable[[Array], Array]:
 def _measure_stroke_time(record: LiftRecord) -> float:
     """Time [s] between two reversals. Raises InputError where there are too few."""
     centred = record.position - 0.5 * (record.position.max() + record.position.min())
-    crossings = int(np.sum(np.diff(np.sign(centred)) != 0.0))
+    crossings = int(np.count_nonzero(np.diff(centred > 0.0)))
     if crossings < 3:  # one period
         raise InputError(
             f"the position passes its middle {crossings} times; 3 or more are needed: butterflies reciprocate"

@@ -49,6 +49,12 @@ def test_the_rig_reads_what_was_found(tmp_path: Path) -> None:
     assert changed == {FORCE.name, SLOPE.name}
 
 
+def test_an_interval_that_ends_at_a_bound_makes_no_parameter_more_certain(tmp_path: Path) -> None:
+    at_bound = replace(FORCE, value=0.0, ci95=(0.0, 2.0))
+    write_model(make_result([at_bound], []), SHIPPED, path := tmp_path / "model.toml")
+    assert wet_clutch.load_nominal(path)[FORCE.name].uncertainty == pytest.approx(2.0 / 1.96, rel=1e-3)
+
+
 def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
     declared = ParameterSet({n: replace(p, uncertainty=np.float64(p.uncertainty)) for n, p in SHIPPED.items()})
     carried = replace(make_result([], []), surrogate={"values": {"residual_torque.offset": np.float64(0.5)}})

@@ -151,7 +151,7 @@ OFF = {**QUIET, "cylinder_pressure_bar": QUIET["cylinder_pressure_bar"] - 0.1}
         (OPEN, "moves for 3 s in contact"),
         (NOISY, "coherence"),
         (LIMITED, "the valve is at a limit in 1.0%"),
-        (SLOW, "does not fall by 3 dB from 0.5 to 1.5 Hz"),
+        (SLOW, "does not cross -3 dB from 0.5 to 1.5 Hz"),
         (OFF, "off its demand"),
         (RANDOM, "does not repeat"),
     ],

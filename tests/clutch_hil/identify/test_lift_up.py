@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord, identify_lift_up
+from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord, _measure_stroke_time, identify_lift_up
 from clutch_hil.thesis.appendices.appendix_e import LOAD, MODEL, RADIUS
 from plant_sim.friction.lift_up import LiftUp
 from plant_sim.rigs.tribometer import load_nominal, mean_radius
@@ -108,3 +108,10 @@ def test_a_motion_in_one_direction_makes_no_butterfly():
     ramp = np.linspace(0.0, 1.0, 1000)
     with pytest.raises(InputError, match="3 or more are needed: butterflies reciprocate"):
         identify_lift_up([LiftRecord(ramp, ramp**2, 1e-3, 10.0)], CONTACT)
+
+
+def test_a_sample_in_the_very_middle_of_a_stroke_is_no_second_pass() -> None:
+    """Times of strokes are the scale from which the search for the lag starts."""
+    rows = np.abs((np.arange(1000) + 25) % 200 - 100) - 50  # strokes of 100 rows through 0
+    record = LiftRecord(1e-5 * rows, 1e-6 * np.cos(rows), 1e-3, 100.0)
+    assert _measure_stroke_time(record) == pytest.approx(0.1, rel=0.15)  # s; ends of the record are parts of strokes
