@@ -49,7 +49,7 @@ _SEED = 6  # seed of the random signs: the same runs give the same p-values
 _POWER_TOGETHER = 0.6  # share of the power that the claimed regimes must contain together ...
 _POWER_EACH = 0.1  # ... and that each of them must contain
 # Families of operating regimes. Terciles of pressure, slip and temperature are only in gap_by_regime of report.json.
-_CLAIMED_FAMILIES = ("phase", "direction", "slip sign", "reversal turn")
+_CLAIMED_FAMILIES = ("phase", "direction", "slip sign")
 _LEAST_DENSITY = 1.6  # least ratio of the share of power to the share of time in the claimed regimes
 # of the power of the largest claim, in floors: less may come from another block, whose gain is known to 10 %
 _ECHO = 0.15

@@ -12,7 +12,8 @@ Wet clutch      u: pressure demand to the valve; p: measured cylinder pressure, 
                 temperature=cold, warm, hot: terciles of all runs
                 slip=forward, slip=backward: its sign; slip=reversal: in contact within 0.1 s of a change of its sign
 Other models    direction=forward, backward, reversal of an input that is a position; terciles of each other input, and
-                NAME=rising, falling for the sign of its slope; NAME is the column without its unit
+                NAME=rising, falling for the sign of its slope; NAME is the column, without its unit where two inputs then
+                have different names
 Assumptions     the window of a slope is so wide that noise alone rarely gives a slope its sign
 Not modelled    terciles depend on the runs, not on physics: they differ between rigs
 """
@@ -24,6 +25,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from clutch_hil.fitting.model import Columns, Model, Values
 from clutch_hil.fitting.noise import estimate_noise
+from clutch_hil.recordings.foreign_column import UNITS
 
 ALL = "all"
 Masks = dict[str, np.ndarray]
@@ -123,6 +125,8 @@ class _InputRegimes:
 
     def __init__(self, runs: Sequence[Columns], inputs: Sequence[str]) -> None:
         self._inputs = [name for name in inputs if any(float(np.ptp(run[name])) > 0.0 for run in runs)]
+        short = [_strip_unit(name) for name in self._inputs]
+        self._names = {n: one if short.count(one) == 1 else n for n, one in zip(self._inputs, short, strict=True)}
         self._thirds = {name: _find_terciles([run[name] for run in runs]) for name in self._inputs}
         self._still = {
             name: _LEAST_SLOPE_SHARE * _find_quantile([np.abs(_compute_slope(run, name)) for run in runs], 0.95)
@@ -141,8 +145,8 @@ class _InputRegimes:
                 masks |= {"direction=forward": rising, "direction=backward": falling}
                 masks["reversal"] = maximum_filter1d(turning, reach) & (np.abs(slope) < 4.0 * still)
             else:
-                masks |= {f"{_strip_unit(name)}=rising": rising, f"{_strip_unit(name)}=falling": falling}
-            masks |= _split_thirds(_strip_unit(name), run[name], self._thirds[name], np.ones(len(slope), bool))
+                masks |= {f"{self._names[name]}=rising": rising, f"{self._names[name]}=falling": falling}
+            masks |= _split_thirds(self._names[name], run[name], self._thirds[name], np.ones(len(slope), bool))
         return masks
 
 
@@ -200,5 +204,5 @@ def _split_thirds(
 
 def _strip_unit(name: str) -> str:
     """Return a column's name without its unit: valve_voltage for valve_voltage_v."""
-    head, _, unit = name.rpartition("_")
-    return head if head and len(unit) <= 4 else name
+    ends = [f"_{unit}" for unit in UNITS if name.endswith(f"_{unit}")]
+    return name.removesuffix(max(ends, key=len, default=""))

@@ -181,7 +181,7 @@ class Evidence:
 
     def compute_excess_by_run(self, residual: np.ndarray) -> np.ndarray:
         """Return the mean square (k,) above the floor in each run; negative below it."""
-        return self._compute_excess_squares(residual).sum(axis=1) / [piece.stop - piece.start for piece in self.pieces]
+        return self._compute_excess_squares(residual).sum(axis=1) / np.maximum(self._counts.sum(axis=1), 1)
 
     def compute_contradiction(self, residual: np.ndarray, before: np.ndarray) -> float:
         """Return the sum of squares by which outputs of `residual` (size,) exceed floor and `before`, over its count.

@@ -80,3 +80,15 @@ def test_an_axis_goes_forward_backward_and_reverses():
     assert np.all(forward[masks["direction=forward"]])
     assert not np.any(forward[masks["direction=backward"]])
     assert np.all(np.abs(np.cos(2.0 * np.pi * 0.5 * t[masks["reversal"]])) < 0.5)
+
+
+def test_inputs_keep_apart_whatever_their_names_end_in():
+    """A last word is a unit only if it is one, and a unit is left out only where two inputs then have different names."""
+    inputs = ("speed_in", "speed_out", "demand_v", "demand_a", "motor_speed_rad_s")
+    time = np.arange(4000) / 1000.0
+    run = {name: np.sin((k + 1.0) * time) for k, name in enumerate(inputs)} | {"time_s": time}
+    model = PositionAxis()
+    model.inputs = inputs
+    masks = Regimes(model, [run], {})(run)
+    rising = {name.removesuffix("=rising") for name in masks if name.endswith("=rising")}
+    assert rising == {"speed_in", "speed_out", "demand_v", "demand_a", "motor_speed"}

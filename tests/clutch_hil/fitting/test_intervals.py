@@ -1,4 +1,4 @@
-"""Intervals contain the true value in 95 % of cases, also where the runs are short."""
+"""Statistics of residuals: 95 % intervals contain the true value, also of short runs; power is that of predicted rows."""
 
 import numpy as np
 import pytest
@@ -45,3 +45,19 @@ def test_intervals_of_white_residuals_contain_the_true_value(runs: int, seconds:
         fit = begin.move_to(begin.move_by(move), noise + slopes @ move)
         inside += np.count_nonzero(np.abs(move) <= compute_half_widths(evidence, fit))
     assert LEAST <= inside / (DRAWS * COUNT) <= MOST
+
+
+class Half(Nothing):
+    """A model that does not predict the first half of a run."""
+
+    def find_unseen(self, run: Columns) -> dict[str, np.ndarray]:
+        """See `Partial`."""
+        return {"signal_v": np.arange(len(run["time_s"])) < len(run["time_s"]) // 2}
+
+
+def test_the_power_of_a_run_is_that_of_the_rows_that_the_model_predicts() -> None:
+    time = np.arange(4000) / 1000.0
+    run = {"time_s": time, "signal_v": 3.0 + np.random.default_rng(1).standard_normal(len(time))}
+    evidence = Evidence(Half(), [run], {"signal_v": 1.0})
+    residual = evidence.compute_residuals([({}, {})])[0]
+    assert evidence.compute_excess_by_run(residual) == pytest.approx([evidence.compute_excess(residual)])
