@@ -9,7 +9,6 @@ It contains the re-fitted parameters of the baseline and those of the effects th
 """
 
 import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import datetime
@@ -21,6 +20,7 @@ from clutch_hil.discrepancy.result import Estimate, Result
 from protocols.errors import InputError
 from protocols.files.output_file import whole_file
 from protocols.files.parameters import Parameter, ParameterSet, load_overlay
+from protocols.files.toml_text import make_comment, quote_text
 from protocols.files.units import space_unit
 
 _MOVED = 1e-6  # uncertainties: a baseline parameter that moved less stays as declared
@@ -95,15 +95,15 @@ def _format_header(result: Result, data: str) -> list[str]:
         f"data SHA-256 {data}, of",
         *(f"  {sha}  {name}" for name, sha in result.hashes.items()),
     ]
-    return [f"# {line}".replace("\n", " ") for line in lines]
+    return [make_comment(line) for line in lines]
 
 
 def _format_parameters(parameters: Iterable[Parameter]) -> list[str]:
     lines = []
     for group, members in groupby(sorted(parameters, key=_find_group), key=_find_group):
-        lines += ["", f"[{json.dumps(group) if '.' in group else group}]"]
+        lines += ["", f"[{quote_text(group) if '.' in group else group}]"]
         for p in members:
-            source = json.dumps(p.source, ensure_ascii=False)
+            source = quote_text(p.source)
             entry = f"value = {float(p.value)!r}, uncertainty = {float(p.uncertainty)!r}, source = {source}"
             lines.append(f"{p.name.rpartition('.')[2]} = {{ {entry} }}")
     return lines

@@ -21,7 +21,6 @@
 `protocols/files/parameters.py` reads the sections of plant and controller like any other file that changes parameters.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -33,6 +32,7 @@ import numpy as np
 from clutch_hil.fitting.intervals import NORMAL_95
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.files.output_file import whole_file
+from protocols.files.toml_text import make_comment, quote_text
 from protocols.files.units import space_unit
 
 
@@ -98,31 +98,32 @@ class Calibration:
 
     def _format_lines(self) -> list[str]:
         lines = [
-            f"# Written by clutch-hil identify {version('clutch-hil')}",
-            *(f"# not identified: {n}: {why}" for n, why in self.held.items()),
+            f"Written by clutch-hil identify {version('clutch-hil')}",
+            *(f"not identified: {n}: {why}" for n, why in self.held.items()),
+            *(f"absent: {one.name}: {one.source}" for one in self.absent),
+            *(f"warning: {text}" for text in self.warnings),
         ]
-        lines += [f"# absent: {one.name}: {one.source}" for one in self.absent]
-        lines += [f"# warning: {text}" for text in self.warnings]
-        lines += ["", "[calibration]", f"rig = {json.dumps(self.rig)}", f"date = {json.dumps(self.date)}"]
+        lines = [make_comment(text) for text in lines]
+        lines += ["", "[calibration]", f"rig = {quote_text(self.rig)}", f"date = {quote_text(self.date)}"]
         for name, digest in self.runs.items():
-            lines += ["", "[[calibration.runs]]", f"file = {json.dumps(name)}", f"sha256 = {json.dumps(digest)}"]
+            lines += ["", "[[calibration.runs]]", f"file = {quote_text(name)}", f"sha256 = {quote_text(digest)}"]
         plant = {
-            one.name: f"value = {float(one.value)!r}, unit = {json.dumps(one.unit)},"
-            f" uncertainty = {float(one.half) / NORMAL_95!r}, source = {json.dumps(one.source)}"
+            one.name: f"value = {float(one.value)!r}, unit = {quote_text(one.unit)},"
+            f" uncertainty = {float(one.half) / NORMAL_95!r}, source = {quote_text(one.source)}"
             for one in self.parameters
-        } | {name: f"value = {float(value)!r}, source = {json.dumps(why)}" for name, (value, why) in self.fixed.items()}
+        } | {name: f"value = {float(value)!r}, source = {quote_text(why)}" for name, (value, why) in self.fixed.items()}
         controllers = {
-            part: {n: f"value = {float(value)!r}, source = {json.dumps(why)}" for n, (value, why) in values.items()}
+            part: {n: f"value = {float(value)!r}, source = {quote_text(why)}" for n, (value, why) in values.items()}
             for part, values in zip(CONTROLLERS, (self.controller, self.controller_b), strict=True)
         }
         for part, entries in (("plant", plant), *controllers.items()):
             for group in dict.fromkeys(name.rpartition(".")[0] for name in entries):
                 members = [name for name in entries if name.rpartition(".")[0] == group]
-                key = json.dumps(group) if "." in group else group
+                key = quote_text(group) if "." in group else group
                 lines += ["", f"[{part}.{key}]", *(f"{n.rpartition('.')[2]} = {{ {entries[n]} }}" for n in members)]
         rows = [f"    [{', '.join(f'{value:.4f}' for value in row)}]," for row in self.correlation.tolist()]
-        names = json.dumps([one.name for one in self.parameters])
-        return [*lines, "", "[correlation]", f"names = {names}", "matrix = [", *rows, "]"]
+        names = ", ".join(quote_text(one.name) for one in self.parameters)
+        return [*lines, "", "[correlation]", f"names = [{names}]", "matrix = [", *rows, "]"]
 
     def make_document(self) -> dict:
         """Return the calibration as a JSON document."""

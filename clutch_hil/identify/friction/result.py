@@ -8,7 +8,6 @@ The file has units, 95 % intervals, correlation, the hash of each run, and how t
 last digit.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,6 +24,7 @@ from plant_sim.rigs.position_feedforward import Feedforward
 from protocols.errors import InputError, name_file_in_errors
 from protocols.files.output_file import whole_file
 from protocols.files.toml_table import TomlTable, read_table
+from protocols.files.toml_text import make_comment, quote_text
 
 KIND = "friction"
 _KEYS = (
@@ -234,7 +234,7 @@ def _read_number(table: TomlTable, key: str) -> float:
 
 def as_toml(document: Mapping[str, Any]) -> str:
     """The document of a result as the text of its file."""
-    lines = ["# Written by clutch-hil identify --friction. Values in SI, intervals at 95 %."]
+    lines = [make_comment("Written by clutch-hil identify --friction. Values in SI, intervals at 95 %.")]
     tables: list[str] = []
     for key, value in document.items():
         if isinstance(value, dict):
@@ -258,4 +258,4 @@ def _format_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, float):
         return repr(value) if isfinite(value) else ("nan" if value != value else ("inf" if value > 0 else "-inf"))
-    return json.dumps(value, ensure_ascii=False)
+    return quote_text(value) if isinstance(value, str) else str(value)
