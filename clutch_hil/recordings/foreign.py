@@ -9,15 +9,11 @@ NEEDS_DATABASE = (
 _TEXT = "save its data as CSV"
 # Pattern of the first bytes -> kind of file, and remedy
 _KINDS: tuple[tuple[bytes, str, str], ...] = (
-    (rb"\x1f\x8b", "compressed by gzip", "unpack it with gunzip"),
-    (rb"BZh[1-9]", "compressed by bzip2", "unpack it with bunzip2"),
-    (rb"\xfd7zXZ", "compressed by xz", "unpack it with unxz"),
-    (rb"\x28\xb5\x2f\xfd", "compressed by zstd", "unpack it with unzstd"),
     (rb"7z\xbc\xaf|Rar!", "an archive", "unpack it"),
     (rb"PK\x03\x04.{0,4000}(\[Content_Types\]|_rels/|xl/|opendocument)", "a spreadsheet", _TEXT),
     (rb"PK\x03\x04.{26,200}\.npy", "an archive of NumPy", "write its arrays into a CSV, Parquet or .mat file"),
     (rb"CDF[\x01\x02\x05]", "netCDF 3", "convert it to netCDF 4 by nccopy -k 4"),
-    (rb"PK\x03\x04", "a ZIP archive", "unpack it"),
+    (rb".{257}ustar", "an archive of tar", "unpack it"),
     (rb"\xd0\xcf\x11\xe0", "a file of an older Office", _TEXT),
     (rb"\x93NUMPY", "an array of NumPy", "write it into a CSV, Parquet or .mat file"),
     (rb"\x80[\x02-\x05](c|\x95|\}|\]|K)", "a pickle of Python", "write its data into a CSV, Parquet or .mat file"),

@@ -1,8 +1,5 @@
 """Files of kinds that are not read: each is named, with what to do."""
 
-import bz2
-import gzip
-import lzma
 import re
 from pathlib import Path
 
@@ -17,14 +14,11 @@ from tests.clutch_hil.recordings.text_files import (
 )
 
 FOREIGN = {
-    "log.csv.gz": (gzip.compress(make_table().encode()), "compressed by gzip: unpack it with gunzip"),
-    "log.csv.bz2": (bz2.compress(make_table().encode()), "compressed by bzip2: unpack it with bunzip2"),
-    "log.csv.xz": (lzma.compress(make_table().encode()), "compressed by xz: unpack it with unxz"),
+    "log.tar": (b"log.csv" + bytes(250) + b"ustar\x0000" + bytes(99), "an archive of tar: unpack it"),
     "log.xlsx": (
         b"PK\x03\x04\x14\x00\x06\x00" + bytes(22) + b"[Content_Types].xml",
         "a spreadsheet: save its data as CSV",
     ),
-    "log.zip": (b"PK\x03\x04\x14\x00\x06\x00" + bytes(22) + b"log.csv", "a ZIP archive: unpack it"),
     "log.xls": (bytes.fromhex("d0cf11e0a1b11ae1") + bytes(99), "a file of an older Office: save its data as CSV"),
     "log.npy": (
         b"\x93NUMPY\x01\x00v\x00{'descr': '<f8'}",
