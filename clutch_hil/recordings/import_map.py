@@ -41,6 +41,7 @@ from clutch_hil.recordings.checks.values import find_placeholder
 from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, convert_signal, find_unit, read_column
 from clutch_hil.recordings.format import list_option_keys, open_recording
 from clutch_hil.recordings.rasters import Sampling, join
+from clutch_hil.recordings.split_time import find_fraction, join_fraction
 from clutch_hil.recordings.time_axis import add_times, check_rate, count_rows
 from clutch_hil.recordings.times_beside import find_times_beside, keep_rising
 from clutch_hil.recordings.wrapping import find_range
@@ -54,7 +55,7 @@ _KEYS: Mapping[str, type] = {
     "skip_rows": int, "low_pass_hz": float, "resample_hz": float, "longest_gap_s": float, "from_s": float, "to_s": float,
 }  # fmt: skip
 
-_LONGEST_REASON = 200  # characters of a note in an error text
+_LONGEST_REASON = 400  # characters of a note in an error text
 
 
 @dataclass(frozen=True)
@@ -112,10 +113,13 @@ class ImportMap:
         beside = find_times_beside(recording.channels, sources)
         wanted = [replace(channel, states=self.columns[name].states) for name, channel in sources.items()]
         _check_states(path, wanted)
-        read = recording.read([*wanted, *beside.values()])
-        signals = dict(zip(sources, read[: len(sources)], strict=True))
-        times = keep_rising(dict(zip(beside, read[len(sources) :], strict=True)))
+        split = find_fraction(recording.channels, sources.get("time_s"), self.columns["time_s"].unit)
+        read = recording.read([*wanted, *beside.values(), *([split[0]] if split else [])])
+        signals = dict(zip(sources, read, strict=False))
+        times = keep_rising(dict(zip(beside, read[len(sources) :], strict=False)))
         notes = list(recording.notes)
+        if split:
+            signals["time_s"] = join_fraction(signals["time_s"], read[-1], split[1], notes)
         if rate := self.columns["time_s"].rate_hz:
             signals["time_s"] = count_rows(signals, rate)
             notes.append(f"time_s is the number of the row over {rate:g} Hz")
@@ -248,6 +252,8 @@ def _choose_channel(path: Path, recording: Recording, wanted: str | int) -> Chan
             for name in filter(None, (wanted, wanted.rpartition(".")[0])):
                 told = re.compile(rf"left out .*(?<!\w){re.escape(name)}(?!\w)", re.DOTALL)
                 why = why or next((note for note in recording.notes if told.match(note)), "")
+            if not wanted.isascii():
+                why = why or next((note for note in recording.notes if "set encoding" in note), "")
         raise InputError(f"{error}; {why[:_LONGEST_REASON]}" if why else str(error)) from None
 
 

@@ -9,7 +9,7 @@ from clutch_hil.recordings.channel import Channel, Signal
 from clutch_hil.recordings.state_names import name_states
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import Clock
-from clutch_hil.recordings.text.column import DecimalDoubt
+from clutch_hil.recordings.text.column import BIT_FIELD, BitField, DecimalDoubt
 from clutch_hil.recordings.text.column_kind import judge_columns
 from clutch_hil.recordings.text.marks import tells_decimal
 from protocols.errors import InputError
@@ -76,6 +76,9 @@ def convert_texts(path: Path, channel: Channel, texts: Sequence[str | None], not
                 )
     if parsed.row >= 0:
         refuse(parsed.row, "no number")
+    bits = BitField()
+    bits.look(column)
+    notes += [BIT_FIELD.format(channel.path, cell)] if (cell := bits.find()) else []
     mark = f", {cells.decimal!r} as decimal mark" if kind.kind == "number" else ""
     notes.append(f"{channel.path}: {'on and off' if kind.kind == 'status' else 'numbers'} as text{mark}")
     return Signal(replace(channel, kind=kind.kind), parsed.values)

@@ -29,6 +29,7 @@ _MOST_TOLD = 3  # largest number of rates in a note
 _COARSE = 1.5  # largest error factor of the mean rate of times in whole seconds, in a recording of some seconds
 _PARTS_OF_DAYS = re.compile(r"time_ms", re.IGNORECASE)  # WinCC's name of a time in 1e-6 of these days
 _FEWEST_DAYS = 10  # least rows for a decision
+_FIRST_HOUR = 10000.0  # 1 o'clock as hhmmss: seconds of a recording rarely begin so late
 _STEPS = (1e-30, 1e30)  # s, range of steps from which rates can be computed
 _LONG_STEP = 1.0  # s; no rig records torque at less than 1 Hz
 _TIME_UNITS = ("s", "ms", "us", "ns", "min")  # units in which loggers count time
@@ -103,6 +104,11 @@ def add_times(
             f"recording {path}: {clock.path!r} for time_s begins at {numbers[0]:.12g} and has no seconds from 60 to 99: it is"
             " hhmmss, perhaps, as NMEA writes it; set time_format = '%H%M%S' in [file] for text, write seconds in other"
             " formats, or set unit_from = 'map' where these are seconds"
+        )
+    if trusted and clock.kind == "number" and _looks_like_one_minute(numbers):
+        notes.append(
+            f"time_s begins at {numbers[0]:.12g} s: {clock.path!r} is a time of day as hhmmss, perhaps; its steps are right, as"
+            " they are within a minute"
         )
     if clock.kind == "number" and _looks_like_days(axis):
         doubt = (
@@ -216,6 +222,17 @@ def _looks_like_hhmmss(numbers: np.ndarray) -> bool:
     passing = np.diff(numbers // 100.0) > 0.0
     small = np.median(steps) < 20.0 and np.any(passing) and np.all(steps[passing] > 40.0)
     return bool(small and np.all(numbers % 100.0 < 60.0) and np.all(numbers // 100.0 % 100.0 < 60.0))
+
+
+def _looks_like_one_minute(numbers: np.ndarray) -> bool:
+    """Return whether numbers (n,) are times of day as 115930.5, perhaps, all of them within a minute."""
+    if not len(numbers) or not np.isfinite(numbers).all() or not _FIRST_HOUR <= numbers[0] < numbers[-1] < 240000.0:
+        return False
+    return bool(
+        numbers[0] // 100.0 == numbers[-1] // 100.0
+        and numbers[0] // 100.0 % 100.0 < 60.0
+        and numbers[-1] % 100.0 < 60.0
+    )
 
 
 def _looks_like_days(time: np.ndarray) -> bool:

@@ -21,7 +21,8 @@ _RAW = (
 _RAW_ALONE = ("adc", "counts", "digit", "digits", "lsb", "ticks", "%fs", "% fs", "%f.s.", "%fso")
 _FACTOR = re.compile(r"[0-9%‰⁰-⁹]")
 _EXPONENT = re.compile(r"(?<=[A-Za-z)])(?:\^?-?[1-4]|\^\(-?[1-4]\))(?![0-9])")  # exponent, as in lbm/ft3
-_LOST = ("?", "\ufffd")  # in place of a letter of another code page, such as the micro sign
+# In place of a letter of another code page, or the micro sign in cp437, UTF-8, Shift-JIS, GBK and EUC, read as cp1252
+_LOST = ("?", "\ufffd", "æ", "Âµ", "Î¼", "ƒÊ", "¦Ì", "¥ì")
 _NUMBER = r"(?:[0-9.]+(?:E[+-]?[0-9]+)?|E[+-]?[0-9]+|[0-9.]+\^-?[0-9]+|[0-9]+/[0-9]+)"  # a factor
 _BEFORE = re.compile(
     rf"[x×*]?\s*(?:{_NUMBER}(?:\s*[x×*]\s*|\s+)|[0-9]*\.[0-9]+)(?P<unit>[^\W\d].*|[°%].*)"
@@ -36,7 +37,7 @@ def says_more(written: str, unit: str) -> bool:
     words = _WORDS.findall(written)
     if (
         _has_factor(written)
-        or written[:1] in _LOST
+        or written.startswith(_LOST)
         or says_absolute("", written)
         or _FACTOR.search(_EXPONENT.sub("", written))
     ):
@@ -46,7 +47,7 @@ def says_more(written: str, unit: str) -> bool:
 
 def names_unit(cell: str) -> bool:
     """Return whether a cell in a line of units is one: known, with a factor, with a lost letter, or of raw numbers."""
-    lost = cell[:1] in _LOST and is_unit(cell[1:])
+    lost = any(is_unit(cell.removeprefix(sign)) for sign in _LOST if cell.startswith(sign))
     return is_unit(cell) or lost or _has_factor(cell) or cell.lower() in _RAW_ALONE
 
 

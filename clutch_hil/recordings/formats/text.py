@@ -17,7 +17,6 @@ Blank lines, comments, lines with zero bytes, damaged rows and what follows the 
 of numbers is an error. Memory grows with the columns that are asked for, not with the file.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan
@@ -47,7 +46,6 @@ from protocols.files.bounds import check_rows
 from protocols.files.units import have_same_quantity, to_si
 
 _DAY = 86400.0  # s
-_MILLISECONDS = re.compile(r"ms|msec|milli(s|second|sec|sekunde|seconde)?[sn]?", re.IGNORECASE)  # name of a column
 _JUDGED_ROWS = 100  # that tell whether dates have a time of day
 RASTER = "rows"  # the only one of a text file
 # unit of a time axis by its size, where it counts from 1970: from the year 2000 to 2100
@@ -93,8 +91,6 @@ class TextRecording:
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         axes = {channel.number: self._find_axis(channel.number) for channel in channels if self._axes}
         asked = {*(channel.number for channel in channels), *(axis.number for axis in axes.values())}
-        parts = {number: part for number in sorted(asked) if (part := self._find_milliseconds(number))}
-        asked |= set(parts.values())
         clocks = [number for number in sorted(asked) if self._is_time_of_day(number)]
         date = self._find_date() if clocks else 0
         wanted = sorted({*asked, *([date] if date else [])})
@@ -125,10 +121,6 @@ class TextRecording:
             self._check_dates([columns[number] for number in clocks])
         for number in clocks if date else ():
             self._count_days(columns[number], values[number][:count], days[:count], date)
-        for number, part in parts.items():
-            with np.errstate(invalid="ignore"):  # of infinite numbers
-                values[number][:count] += 1e-3 * (values[part][:count] - values[part][:1])
-            self.notes.append(f"{columns[number].path}: with the milliseconds of {columns[part].path!r}")
         notes = [
             *rows.list_notes(self._file.path, count),
             *(note for reader in columns.values() for note in reader.list_notes(count)),
@@ -151,25 +143,6 @@ class TextRecording:
     def _is_time_of_day(self, number: int) -> bool:
         written = self._layout.columns[number - 1].time
         return bool(written and not written.doubt and not written.has_date)
-
-    def _find_milliseconds(self, number: int) -> int:
-        """The column of milliseconds beside one of dates or times of day in whole seconds, 0 for none."""
-        written = self._layout.columns[number - 1].time
-        if not written or written.doubt:
-            return 0
-        cells = [row[number - 1] for row in self._layout.samples]
-        if any((match := re.fullmatch(written.pattern, cell)) and match.groupdict().get("f") for cell in cells):
-            return 0
-        for channel in self.channels:
-            if channel.kind == "number" and _MILLISECONDS.fullmatch(channel.name):
-                texts = from_texts([row[channel.number - 1] for row in self._layout.samples])
-                parts = self._layout.cells.parse(texts).values
-                rising = len(set(cells)) == 2 and np.all(
-                    np.diff(parts[: len(parts) // 2]) > 0.0
-                )  # since the start, perhaps
-                if np.all((parts >= 0.0) & (parts < 1e3)) and not rising:
-                    return channel.number
-        return 0
 
     def _find_date(self) -> int:
         """Number of the first column of dates that are certain, 0 for none."""

@@ -28,6 +28,7 @@ _FLAGS = {
 # The same in one letter, which may mean anything else where its opposite does not occur: yes, ja, oui, sí; true, wahr, vero
 _PAIRS_OF_INITIALS = [("y", "n"), ("j", "n"), ("o", "n"), ("s", "n"), ("t", "f"), ("w", "f"), ("v", "f")]
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{1,16}")  # of 64 bits
+_BINARY = re.compile(r"0[bB][01]{1,64}")
 _UNIT = r"[^\W\d_%°][\w%/·*.^-]{0,11}|[%°][A-Za-z]{0,2}"  # behind a number
 _LONGEST_WITH_UNIT = 40  # characters of a number with its unit
 # Letters behind a number that are no unit: noon, ordinal numbers, hexadecimal, Fortran and C
@@ -92,6 +93,10 @@ class Cells:
     def is_marked_hexadecimal(self, cell: str) -> bool:
         """Whether the cell is a hexadecimal number, as 0x1F is."""
         return cell[:2] in ("0x", "0X") and self.is_hexadecimal(cell)
+
+    def is_marked_binary(self, cell: str) -> bool:
+        """Whether the cell is a binary number, as 0b101 is."""
+        return _BINARY.fullmatch(cell) is not None
 
     def split_unit(self, cell: str) -> tuple[str, str]:
         """Number and unit of a cell such as `12.5 Nm`; both "" for others. Whether there is such a unit is not asked."""

@@ -19,6 +19,8 @@ from clutch_hil.recordings.text.marks import make_doubt, make_group_pattern
 from protocols.errors import InputError
 from protocols.files.arrow import TRUE
 
+_MOST_BITS = 64
+
 
 class ColumnReader:
     """Turns the cells of one column into values, and remembers what was missing."""
@@ -41,6 +43,7 @@ class ColumnReader:
         found = plain and self._cells.thousands and layout.asks_thousands
         self._groups = _Groups(self._cells) if found and self._cells.thousands in ",." else None
         self._exponent = _Exponent(self._cells.decimal) if layout.asks_hexadecimal and plain else None
+        self._bits = BitField() if plain else None
 
     @property
     def path(self) -> str:
@@ -76,6 +79,8 @@ class ColumnReader:
             column = pc.replace_substring_regex(column, rf"\s*{re.escape(self._column.unit)}\s*$", "")
         if self._exponent:
             self._exponent.look(column, lines)
+        if self._bits:
+            self._bits.look(column)
         parsed = self._parse(column)
         self._missing += parsed.missing
         self._accounted = self._accounted or parsed.accounted
@@ -132,6 +137,8 @@ class ColumnReader:
                 f"recording {self._path}: column {name!r} holds {doubt[0]!r} in line {doubt[1]}, which may be hexadecimal, or"
                 f" {float(doubt[0]):g}; set hexadecimal = {name!r} in [file], or hexadecimal = '' where no column is"
             )
+        if self._bits and (cell := self._bits.find()):
+            notes.append(BIT_FIELD.format(name, cell))
         if self._column.hexadecimal:
             notes.append(f"{name}: its whole numbers are hexadecimal")
         if self._clock:
@@ -143,6 +150,35 @@ class ColumnReader:
         if self._missing:
             notes.append(f"{name}: {self._missing} of {rows} cells have no value")
         return notes
+
+
+# Note on a column and its first cell
+BIT_FIELD = (
+    "{}: numbers such as {} have the digits 0 and 1 only, and as many: bits, perhaps, read as decimal numbers; `states` of"
+    " the map can give others"
+)
+
+
+class BitField:
+    """Whether all cells of a column are digits 0 and 1, equally many, and some begin with 0, as 0101 and 0010 do."""
+
+    def __init__(self) -> None:
+        self._cell, self._ruled_out = "", False
+
+    def look(self, column: pa.Array) -> None:
+        """Look at some cells."""
+        if self._ruled_out or not len(column):
+            return
+        cells = pc.utf8_trim_whitespace(column)
+        digits = len(self._cell) or len(cells[0].as_py())
+        alike = digits > 1 and pc.all(pc.match_substring_regex(cells, f"^[01]{{{min(digits, _MOST_BITS)}}}$")).as_py()
+        self._ruled_out = not alike
+        if not self._cell or self._cell[0] == "1":
+            self._cell = _find_first(cells, pc.starts_with(cells, "0")) or self._cell or cells[0].as_py()
+
+    def find(self) -> str:
+        """The first cell that begins with 0, "" where the column is no such one."""
+        return "" if self._ruled_out or self._cell[:1] != "0" else self._cell
 
 
 class _Exponent:

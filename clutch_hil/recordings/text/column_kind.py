@@ -142,6 +142,8 @@ def _may_be_hexadecimal(present: Sequence[str], cells: Cells) -> bool:
     others = [cell for cell in present if not cells.is_number(cell)]
     if not others or not all(map(cells.is_hexadecimal, present)):
         return False
+    if all(map(cells.is_marked_binary, present)):
+        return False
     even = len(others) < len(present) and len(set(map(len, present))) == 1
     return even or 2 * sum(any(c.isdigit() for c in cell) for cell in others) > len(others)
 

@@ -301,7 +301,7 @@ def _find_rows(
                 return _Rows(lines[n].number, width, columns, [row for row in rows[n:] if len(row) == width])
     raise InputError(
         f"recording {path} has no rows of numbers{_list_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
-        " delimiter, decimal or skip_lines in [file]"
+        " delimiter, decimal, encoding or skip_lines in [file]"
     )
 
 

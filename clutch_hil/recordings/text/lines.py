@@ -27,6 +27,11 @@ _MARKS = (
 )  # fmt: skip
 _SHARES = (0.4, 0.05)  # of zero bytes at every second place, and between, in UTF-16 of western text
 
+# Encodings of Japan, China, Korea, Russia, DOS and old Macs, whose bytes are valid in cp1252 as well
+_OTHERS = ("cp932", "gbk", "euc_kr", "cp1251", "cp437", "mac_roman")
+_WESTERN = "äöüÄÖÜßàâáãåÅçéèêëíîïñóôõúûù°µ²³·±×½"  # of names and units of western Europe
+_STRANGE = re.compile(rb"[^,;\t\"\r\n\x80-\xff]{0,16}[\x80-\xff][^,;\t\"\r\n]{0,24}")  # a word that is not ASCII
+
 RUNS = " "  # delimiter: any number of blanks and tabs
 _BLANKS = " \t\f\v"  # a no-break space is none of them: it parts thousands
 _RUN = re.compile(f"[{_BLANKS}]+")
@@ -95,6 +100,7 @@ class TextFile:
                 self.encoding = "cp1252"
                 self.decision = (
                     "the file is not UTF-8 and was read as cp1252; set encoding in [file] if names look wrong"
+                    f"{_list_other_readings(begin)}"
                 )
             self._scan()
 
@@ -201,9 +207,24 @@ def _convert_line_ends(text: str) -> bytes:
 
 
 def _is_damaged_utf8(begin: bytes) -> bool:
-    """Whether what is not ASCII in `begin` is UTF-8 at first: in a code page it would not be."""
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(begin)
-    except UnicodeDecodeError as error:
-        begin = begin[: error.start]
-    return not begin.isascii()
+    """Whether half or more of what is not ASCII in `begin` is UTF-8, and the first of it is: in a code page neither is."""
+    text = begin.decode("utf-8", "replace")
+    strange = [character for character in text if not character.isascii()]
+    damaged = strange.count("\ufffd")
+    return bool(strange) and strange[0] != "\ufffd" and len(strange) >= 2 * damaged
+
+
+def _list_other_readings(begin: bytes) -> str:
+    """What the first word that is not ASCII would be in other encodings, for a note; "" where it is western in cp1252."""
+    word = _STRANGE.search(begin)
+    shown = word[0].decode("cp1252", "replace").strip() if word else ""
+    if not word or all(character.isascii() or character in _WESTERN for character in shown):
+        return ""
+    others = {}
+    for name in _OTHERS:
+        try:
+            others[name] = word[0].decode(name).strip()
+        except UnicodeDecodeError:
+            continue
+    readings = ", ".join(f"{text!r} in {name}" for name, text in others.items() if text.isprintable() and text != shown)
+    return f": {shown!r} is {readings}" if readings else ""

@@ -12,6 +12,7 @@ from tests.clutch_hil.recordings.text_files import (
     FORMS,
     ISO,
     MAP,
+    NAMES,
     PREAMBLE,
     ROWS,
     SPEED,
@@ -19,6 +20,7 @@ from tests.clutch_hil.recordings.text_files import (
     TORQUE,
     assert_right,
     convert_run,
+    find_refusal,
     make_table,
     read,
     write_with_comma,
@@ -58,6 +60,42 @@ def test_what_was_found_is_told_a_sentence_each(tmp_path: Path) -> None:
 def test_a_code_page_is_told(tmp_path: Path) -> None:
     run = read(tmp_path, FORMS["cp1252"][0])
     assert "was read as cp1252; set encoding" in convert_run(run)
+
+
+@pytest.mark.parametrize(
+    ("names", "encoding", "shown"),
+    [
+        ("時間,トルク,速度", "cp932", "'ŽžŠÔ' is '時間' in cp932"),
+        ("时间,扭矩,速度", "gbk", "'时间' in gbk"),
+        ("시간,토크,속도", "euc_kr", "'시간' in euc_kr"),
+        ("время,момент,скорость", "cp1251", "'âðåìÿ' is 'время' in cp1251"),
+        ("Öltemp,moment,speed", "cp437", "'Öltemp' in cp437"),
+        ("Öltemp,moment,speed", "mac_roman", "'Öltemp' in mac_roman"),
+        ("größe,öltemp,weg [µm]", "cp1252", ""),
+    ],
+)
+def test_another_code_page_is_told_by_what_the_first_word_is_in_it(
+    tmp_path: Path, names: str, encoding: str, shown: str
+) -> None:
+    content = make_table(header=names).encode(encoding)
+    columns = MAP
+    for own, name in zip(NAMES, names.split(","), strict=True):
+        columns = columns.replace(f'"{own}"', f'"{name}"')
+    by_number = '[columns]\ntime_s = { number = 1, unit = "s" }\ntorque_nm = { number = 2, unit = "Nm" }\n'
+    done = convert_run(read(tmp_path, content, columns=by_number))
+    assert (shown in done) if shown else ("' is '" not in done)
+    if shown:
+        assert shown in find_refusal(tmp_path, content, columns=columns)
+        assert_right(read(tmp_path, content, f'encoding = "{encoding}"', columns))
+
+
+@pytest.mark.parametrize("encoding", ["cp437", "gbk", "cp932", "euc_kr"])
+def test_a_micro_sign_of_another_code_page_does_not_lose_its_factor(tmp_path: Path, encoding: str) -> None:
+    micro = "µ" if encoding == "cp437" else "μ"
+    content = make_table(header=f"time,torque [{micro}Nm],speed").encode(encoding)
+    assert "which is unknown, and in Nm by the map" in find_refusal(tmp_path, content)
+    run = read(tmp_path, content, f'encoding = "{encoding}"')
+    np.testing.assert_allclose(run["torque_nm"], 1e-6 * TORQUE)
 
 
 def test_damaged_bytes_do_not_make_a_code_page_of_utf_8(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ def test_milliseconds_beside_whole_seconds_belong_to_the_time(tmp_path: Path, na
     )
     run = read(tmp_path, "\n".join([f"time,{name},torque", *rows, ""]), columns=UNITS.replace(', unit = "s"', ""))
     np.testing.assert_allclose(run["time_s"], 1.5 * np.arange(len(TIME)), atol=1e-9)
-    assert f"time: with the milliseconds of '{name}'" in run.metadata["import"]["done"]
+    assert f"time: with the fractions of its seconds in '{name}', 1/1000 s" in run.metadata["import"]["done"]
 
 
 def test_milliseconds_since_the_start_do_not_belong_to_the_time(tmp_path: Path) -> None:
@@ -209,3 +209,32 @@ def test_a_column_is_not_read_with_two_meanings_of_its_words(tmp_path: Path) -> 
     assert "is read twice with different states" in find_refusal(
         tmp_path, make_status(["N"] * len(TIME)), columns=columns
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "told"), [(["0101", "1110"], True), (["1101", "0110"], True), (["101", "110"], False)]
+)
+def test_digits_0_and_1_with_one_in_front_are_told_to_be_bits_perhaps(
+    tmp_path: Path, words: list[str], told: bool
+) -> None:
+    cells = [words[row // 20 % 2] for row in range(len(TIME))]
+    run = read(tmp_path, make_status(cells), columns=STATUS)
+    np.testing.assert_array_equal(run["status_1"], [float(cell) for cell in cells])
+    assert any("the digits 0 and 1 only, and as many: bits" in note for note in run.metadata["import"]["done"]) == told
+
+
+@pytest.mark.parametrize("words", [["0101", "0102"], ["001", "01"], ["0", "1"], ["0.1", "1.1"]])
+def test_other_digits_are_no_bits(tmp_path: Path, words: list[str]) -> None:
+    run = read(tmp_path, make_status([words[row // 20 % 2] for row in range(len(TIME))]), columns=STATUS)
+    assert not any("bits, perhaps" in note for note in run.metadata["import"]["done"])
+
+
+def test_states_give_the_numbers_of_bits(tmp_path: Path) -> None:
+    columns = STATUS.replace('from = "status"', 'from = "status", states = { "0101" = 5, "0010" = 2 }')
+    run = read(tmp_path, make_status(["0101" if row % 20 else "0010" for row in range(len(TIME))]), columns=columns)
+    np.testing.assert_array_equal(run["status_1"], [5.0 if row % 20 else 2.0 for row in range(len(TIME))])
+
+
+def test_a_marked_binary_number_is_not_taken_for_a_hexadecimal_one(tmp_path: Path) -> None:
+    refusal = find_refusal(tmp_path, make_status(["0b0101"] * len(TIME)), columns=STATUS)
+    assert "holds text, such as '0b0101'; allowed are numbers; set states" in refusal

@@ -66,6 +66,15 @@ def test_times_of_day_as_digits_are_asked_about(tmp_path: Path, start: float, st
     assert "jumps by 4" in find_refusal(tmp_path, text, columns=taken) or step == 1.0
 
 
+@pytest.mark.parametrize(
+    ("first", "told"), [(101530.25, True), (101500, True), (96530.25, False), (101570.0, False), (530.25, False)]
+)
+def test_times_of_day_within_a_minute_are_told(tmp_path: Path, first: float, told: bool) -> None:
+    run = read(tmp_path, make_table(times=[f"{first + time:.2f}" for time in TIME]))
+    np.testing.assert_allclose(run["time_s"], first + TIME, atol=1e-9)
+    assert ("'time' is a time of day as hhmmss, perhaps" in convert_run(run)) == told
+
+
 @pytest.mark.parametrize("step", [20, 50, 100])
 def test_even_ms_are_no_times_of_day(tmp_path: Path, step: int) -> None:
     text = make_table(times=[f"{step * row}" for row in range(ROWS)])
@@ -76,4 +85,4 @@ def test_even_ms_are_no_times_of_day(tmp_path: Path, step: int) -> None:
 def test_an_entry_for_logs_is_refused_with_the_beginning_of_the_text(tmp_path: Path) -> None:
     sentence = find_refusal(tmp_path, "t100811\nt100822\n", 'dbc = "car.dbc"')
     assert "file.dbc is not an option of" in sentence
-    assert "it is one of bus log, MDF, and the file begins with b't100811\\nt100822\\n'" in sentence
+    assert "it is one of bus log, MDF, compressed file, and the file begins with b't100811\\nt100822\\n'" in sentence

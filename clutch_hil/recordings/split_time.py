@@ -1,0 +1,65 @@
+"""Split times: whole seconds in one column and their fraction in another, as `ts_sec, ts_usec` of C and `secs, nsecs` of ROS.
+
+Beside a date and a time of day, too, as in `Date, Time, ms`. A column that is called as a fraction may count from the start of
+the recording, or be something else: it is one only where all its numbers are below a second, and begin anew with it.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clutch_hil.recordings.channel import Channel, Signal, simplify_unit
+
+# End of a name -> parts of a second
+_PARTS = {
+    r"ms(ec)?s?|milli(s|second|sec|sekunde|seconde|tm)?[sn]?": 1e3,
+    r"[uµμ]s(ec)?s?|micro(s|second|sec|sekunde|seconde)?[sn]?": 1e6,
+    r"ns(ec)?s?|nano(s|second|sec|sekunde|seconde)?[sn]?": 1e9,
+    r"fraction|frac|sub_?sec(ond)?s?": 1.0,
+}
+_PATTERNS = {re.compile(rf"(?:.*[\W_])?(?:{name})", re.IGNORECASE): parts for name, parts in _PARTS.items()}
+
+
+def find_fraction(channels: Sequence[Channel], clock: Channel | None, unit: str) -> tuple[Channel, float] | None:
+    """Return the channel that may have the fractions of the whole seconds of `clock`, and its parts of a second.
+
+    It is the first one behind the clock, in its raster, that is called so; None for none. unit: of the clock by the map.
+    """
+    if not clock or not clock.number or {simplify_unit(clock.unit), unit} - {"", "s"}:
+        return None
+    for channel in channels:
+        behind = (
+            channel.number > clock.number and channel.raster == clock.raster and channel.kind in ("number", "status")
+        )
+        if behind and not simplify_unit(channel.unit):
+            for pattern, parts in _PATTERNS.items():
+                if pattern.fullmatch(channel.name):
+                    return channel, parts
+    return None
+
+
+def join_fraction(seconds: Signal, fraction: Signal, parts: float, notes: list[str]) -> Signal:
+    """Return times with the fractions of their seconds, or without where these are none. A note tells it."""
+    first, second = seconds.values, fraction.values
+    beside = fraction.channel.number == seconds.channel.number + 1
+    if not _belong_together(first, second, parts) or not (beside or np.any(np.diff(first) == 0.0)):
+        return seconds
+    notes.append(
+        f"{seconds.channel.path}: with the fractions of its seconds in {fraction.channel.path!r}, 1/{parts:g} s"
+    )
+    begin = second[0] if seconds.channel.kind == "time" else 0.0  # times of day are counted from the first one
+    return replace(seconds, values=first + (second - begin) / parts, whole=None)
+
+
+def _belong_together(seconds: np.ndarray, fraction: np.ndarray, parts: float) -> bool:
+    if len(seconds) != len(fraction) or not (np.isfinite(seconds).all() and np.isfinite(fraction).all()):
+        return False
+    if np.any(seconds != np.rint(seconds)) or np.any((fraction < 0.0) | (fraction >= parts)):
+        return False
+    if parts > 1.0 and np.any(fraction != np.rint(fraction)):
+        return False
+    steps, rises = np.diff(seconds), np.diff(fraction) > 0.0
+    from_start = rises.all() and np.any(steps)  # it goes on where a second begins
+    return not from_start and bool(rises.any())
