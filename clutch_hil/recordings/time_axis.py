@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from math import inf, isfinite
+from math import inf, isclose, isfinite
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ _TIME_UNITS = ("s", "ms", "us", "ns", "min")  # units in which loggers count tim
 # Multiples of its span after which a recording hardly ever begins: an oscilloscope begins near its trigger
 _LATE_SPANS = 100.0
 _SHORT_STEP = 2e-5  # s; no rig records torque at more than 50 kHz. As days it is 2 s
+_SLOW_STEPS, _SAME_STEP = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 60.0), 1e-3  # s, of slow loggers; as days no usual rate
 
 
 def count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
@@ -105,7 +106,8 @@ def add_times(
             " hhmmss, perhaps, as NMEA writes it; set time_format = '%H%M%S' in [file] for text, write seconds in other"
             " formats, or set unit_from = 'map' where these are seconds"
         )
-    if trusted and clock.kind == "number" and _looks_like_one_minute(numbers):
+    in_seconds = {simplify_unit(clock.unit), reading.sources["time_s"].unit} <= {"", "s"}
+    if trusted and clock.kind == "number" and in_seconds and _looks_like_one_minute(numbers):
         notes.append(
             f"time_s begins at {numbers[0]:.12g} s: {clock.path!r} is a time of day as hhmmss, perhaps; its steps are right, as"
             " they are within a minute"
@@ -237,13 +239,14 @@ def _looks_like_one_minute(numbers: np.ndarray) -> bool:
 
 def _looks_like_days(time: np.ndarray) -> bool:
     """Return whether a time (n,) [s] may be in days: since a date, or the fraction of a day with which Excel stores a time."""
-    if len(time) < _FEWEST_DAYS or not np.isfinite(time[[0, -1]]).all():
+    if len(time) < _FEWEST_DAYS or not np.isfinite(time).all():
         return False
-    span = time[-1] - time[0]
-    in_a_day = 0.0 < time[0] < 1.0 and time[0] > _LATE_SPANS * span
+    span, step = time[-1] - time[0], float(np.median(np.diff(time)))
+    slow = any(isclose(_DAY * step, usual, rel_tol=_SAME_STEP) for usual in _SLOW_STEPS)
+    in_a_day = 0.0 < time[0] < 1.0 and (slow or time[0] > _LATE_SPANS * span)
     if not in_a_day and not any(low < time[0] <= time[-1] < high for low, high in _DAYS):
         return False
-    return bool(span < 1.0 and 0.0 < np.median(np.diff(time)) < _SHORT_STEP)
+    return slow or bool(span < 1.0 and 0.0 < step < _SHORT_STEP)
 
 
 def _format_time_of_day(epoch: float) -> str:

@@ -143,6 +143,25 @@ def test_days_that_are_taken_for_seconds_are_refused(tmp_path: Path, first: floa
     assert (doubt in done) is message
 
 
+@pytest.mark.parametrize("first", [45356.5, 0.59])
+@pytest.mark.parametrize("step", [2, 5, 10, 60])
+def test_days_of_a_slow_logger_are_refused_as_seconds(tmp_path: Path, first: float, step: int) -> None:
+    rows = [f"{first + step * k / 86400.0:.10f},{k}" for k in range(ROWS)]
+    text = make_rows("time,torque", *rows)
+    assert "'time' counts days of a spreadsheet, perhaps; set unit = 'd' then" in find_refusal(
+        tmp_path, text, columns=TWO
+    )
+    run = read(tmp_path, text, f"resample_hz = {1.0 / step}", TWO.replace('unit = "s"', 'unit = "d"'))
+    np.testing.assert_allclose(run["time_s"] - run["time_s"][0], step * np.arange(len(run["time_s"])), atol=1e-4)
+    assert "hhmmss" not in convert_run(run)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 9600.0, 10_000.0])
+def test_a_usual_rate_late_in_a_recording_is_in_seconds(tmp_path: Path, rate: float) -> None:
+    rows = [f"{45356.5 + k / rate:.9f},{k}" for k in range(ROWS)]
+    assert "days" not in convert_run(read(tmp_path, make_rows("time,torque", *rows), columns=TWO))
+
+
 @pytest.mark.parametrize("first", [0.0, -0.3, 1e-5])
 def test_a_fast_recording_that_begins_near_its_trigger_is_in_seconds(tmp_path: Path, first: float) -> None:
     rows = [f"{first + 1e-6 * k:.9f},{k}" for k in range(ROWS)]
