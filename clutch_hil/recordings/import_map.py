@@ -250,7 +250,7 @@ def _choose_channel(path: Path, recording: Recording, wanted: str | int) -> Chan
         why = ""
         if isinstance(wanted, str):  # also of a signal without its message
             for name in filter(None, (wanted, wanted.rpartition(".")[0])):
-                told = re.compile(rf"left out .*(?<!\w){re.escape(name)}(?!\w)", re.DOTALL)
+                told = re.compile(rf"left out\b.*(?<!\w){re.escape(name)}(?!\w)", re.DOTALL)
                 why = why or next((note for note in recording.notes if told.match(note)), "")
             if not wanted.isascii():
                 why = why or next((note for note in recording.notes if "set encoding" in note), "")

@@ -12,14 +12,14 @@ import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Signal, simplify_unit
 
-# End of a name -> parts of a second
+# End of a name, unit -> parts of a second
 _PARTS = {
-    r"ms(ec)?s?|milli(s|second|sec|sekunde|seconde|tm)?[sn]?": 1e3,
-    r"[uµμ]s(ec)?s?|micro(s|second|sec|sekunde|seconde)?[sn]?": 1e6,
-    r"ns(ec)?s?|nano(s|second|sec|sekunde|seconde)?[sn]?": 1e9,
-    r"fraction|frac|sub_?sec(ond)?s?": 1.0,
+    (r"ms(ec)?s?|milli(s|second|sec|sekunde|seconde|tm)?[sn]?", "ms"): 1e3,
+    (r"[uµμ]s(ec)?s?|micro(s|second|sec|sekunde|seconde)?[sn]?", "us"): 1e6,
+    (r"ns(ec)?s?|nano(s|second|sec|sekunde|seconde)?[sn]?", "ns"): 1e9,
+    (r"fraction|frac|sub_?sec(ond)?s?", "s"): 1.0,
 }
-_PATTERNS = {re.compile(rf"(?:.*[\W_])?(?:{name})", re.IGNORECASE): parts for name, parts in _PARTS.items()}
+_PATTERNS = [(re.compile(rf"(?:.*[\W_])?(?:{n})", re.IGNORECASE), unit, parts) for (n, unit), parts in _PARTS.items()]
 
 
 def find_fraction(channels: Sequence[Channel], clock: Channel | None, unit: str) -> tuple[Channel, float] | None:
@@ -33,10 +33,9 @@ def find_fraction(channels: Sequence[Channel], clock: Channel | None, unit: str)
         behind = (
             channel.number > clock.number and channel.raster == clock.raster and channel.kind in ("number", "status")
         )
-        if behind and not simplify_unit(channel.unit):
-            for pattern, parts in _PATTERNS.items():
-                if pattern.fullmatch(channel.name):
-                    return channel, parts
+        for pattern, own, parts in _PATTERNS if behind else ():
+            if pattern.fullmatch(channel.name) and simplify_unit(channel.unit) in ("", own):
+                return channel, parts
     return None
 
 

@@ -26,7 +26,7 @@ _PERIOD = re.compile(
     rf"(?:(?:.* )?(?:{_TAKEN} ?(?:time|interval|period|step)|time ?step|delta ?[tx]|abtast ?(?:zeit|periode)"
     rf"|{_TAKEN_GERMAN} ?intervall|période d ?échantillonnage"
     r"|(?:[htx]|time|horiz(?:ontal)?) ?(?:incr?|increment|interval)|h ?resolution)|increment)"
-    r"(?P<rest>(?: .*)?)|(?:dt|ts|tinterval)(?P<seconds>(?: [munµ]?s)?)|(?:clock|intervall?)(?P<stated> [munµ]?s)"
+    r"(?P<rest>(?: .*)?)|(?:dt|dx|ts|tinterval)(?P<seconds>(?: [munµ]?s)?)|(?:clock|intervall?)(?P<stated> [munµ]?s)"
 )
 _HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "ghz": 1e9}
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}

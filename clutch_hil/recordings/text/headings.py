@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.recordings.channel import is_time_name
+from clutch_hil.recordings.channel import is_time_name, simplify_unit
 from clutch_hil.recordings.stated_rate import split_value
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
@@ -26,6 +26,7 @@ from clutch_hil.recordings.text.stated_numbers import (
 from clutch_hil.recordings.unit_in_name import is_unit, split_unit, strip_brackets
 from clutch_hil.recordings.unknown_unit import names_unit
 from protocols.errors import InputError
+from protocols.files.units import contradict
 
 _SEARCHED = 4  # lines above the first row in which names and units are looked for
 _LONGEST_UNIT = 16  # characters of one that is not known
@@ -148,6 +149,7 @@ def find_headings(
     parts = _split_units(
         rows[names] if names is not None else [""] * width, rows[units] if units is not None else [""] * width
     )
+    notes += [_describe_conflict(*part) for part in zip(*parts, strict=True) if _contradicts(*part[1:])]
     others_above = [line for number, line in enumerate(above) if number not in used]
     others_split = [split(line.text, delimiter) for line in others_above]
     listed = _find_listed_units(parts[0], parts[2], remarks, delimiter)
@@ -388,6 +390,17 @@ def _find_listed_units(
         if own and len(stated) == 1:
             units_by_name.setdefault(own, stated[0])
     return units_by_name
+
+
+def _contradicts(text: str, unit: str) -> bool:
+    """Whether the unit in brackets in the `text` of a name is another one than the `unit` below it."""
+    own = split_unit(text)[1]
+    known = own and is_unit(own) and is_unit(unit)
+    return bool(known) and contradict(simplify_unit(own), simplify_unit(unit))
+
+
+def _describe_conflict(name: str, text: str, unit: str) -> str:
+    return f"{name}: its unit is {split_unit(text)[1]} by its name, and {unit} by the line of units, which is used"
 
 
 def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:

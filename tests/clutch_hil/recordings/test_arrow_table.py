@@ -237,3 +237,12 @@ def test_times_of_day_pass_midnight(tmp_path: Path) -> None:
     run = load_map(str(toml)).read(file)
     np.testing.assert_allclose(run["time_s"], 86_399.0 + TIME, atol=1e-9)
     assert "clock: passed midnight 1 times, where a day was added" in run.metadata["import"]["done"]
+
+
+@pytest.mark.parametrize("asked", ["pos", "pos.x"])
+def test_a_column_that_was_left_out_is_told_where_it_is_asked_for(tmp_path: Path, asked: str) -> None:
+    path, toml = tmp_path / "lists.parquet", tmp_path / "map.toml"
+    pq.write_table(pa.table({"time_s": TIME, "pos": [[1.0, 2.0]] * ROWS}), path)
+    toml.write_text(MAP.replace('"pos"', f'"{asked}"'))
+    with pytest.raises(InputError, match="left out, as they are neither numbers, times nor text: pos \\(list"):
+        load_map(str(toml)).read(path)

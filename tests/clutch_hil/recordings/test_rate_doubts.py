@@ -48,6 +48,8 @@ def import_told(tmp_path: Path, path: Path, time: str) -> str:
         ("Sample rate [Hz]: 200", 100.0, True),
         ("Sample rate [Hz]: 100", 100.0, False),
         ("Abtastrate: 0.1", 100.0, False),
+        ("x0: 0\ndx: 0.005", 100.0, True),
+        ("x0: 0\ndx: 0.01", 100.0, False),
     ],
 )
 def test_a_rate_that_the_head_denies_is_told(tmp_path: Path, above: str, rate: float, doubt: bool) -> None:

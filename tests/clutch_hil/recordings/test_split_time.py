@@ -86,6 +86,7 @@ def test_a_time_that_has_its_fractions_is_left_alone(tmp_path: Path) -> None:
 def test_a_channel_with_a_unit_or_of_another_raster_is_no_fraction() -> None:
     clock = Channel("sec", 1, "sec", raster="a")
     assert find_fraction([clock, Channel("usec", 2, "usec", raster="a")], clock, "s")
+    assert find_fraction([clock, Channel("usec", 2, "usec", "µs", "a")], clock, "s")
     for other in (Channel("usec", 2, "usec", "V", "a"), Channel("usec", 2, "usec", raster="b")):
         assert find_fraction([clock, other], clock, "s") is None
     assert find_fraction([clock, Channel("usec", 2, "usec", raster="a")], clock, "ms") is None

@@ -429,3 +429,18 @@ def test_the_numbers_of_columns_of_pandas_are_no_row(tmp_path: Path, index: bool
     run = read(tmp_path, text, "" if index else "header = true", columns)
     np.testing.assert_array_equal(run["torque_nm"], TORQUE)
     assert run["time_s"][0] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "told"),
+    [("rad/s", "rpm", True), ("rpm", "rpm", False), ("U/min", "rpm", False), ("motor", "rpm", False)],
+)
+def test_units_of_a_name_and_of_a_line_that_contradict_each_other_are_told(
+    tmp_path: Path, name: str, unit: str, told: bool
+) -> None:
+    rows = (f"{time:.2f},{torque:.4f},{speed:.2f}" for time, torque, speed in zip(TIME, TORQUE, SPEED, strict=True))
+    text = "\n".join([f"time,torque,speed [{name}]", f"s,Nm,{unit}", *rows, ""])
+    run = read(tmp_path, text)
+    np.testing.assert_allclose(run["speed_rad_s"], RPM * np.round(SPEED, 2))
+    note = f"speed: its unit is {name} by its name, and {unit} by the line of units, which is used"
+    assert (note in run.metadata["import"]["done"]) == told
