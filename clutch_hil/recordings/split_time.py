@@ -34,7 +34,7 @@ def find_fraction(channels: Sequence[Channel], clock: Channel | None, unit: str)
             channel.number > clock.number and channel.raster == clock.raster and channel.kind in ("number", "status")
         )
         for pattern, own, parts in _PATTERNS if behind else ():
-            if pattern.fullmatch(channel.name) and simplify_unit(channel.unit) in ("", own):
+            if pattern.fullmatch(channel.name) and simplify_unit(channel.unit).replace("µ", "u") in ("", own):
                 return channel, parts
     return None
 
