@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from clutch_hil.recordings.channel import name_first
 from clutch_hil.recordings.foreign import NEEDS_DATABASE
 from clutch_hil.recordings.foreign_database import ForeignDatabase, read_foreign_database
 from clutch_hil.recordings.j1939 import find_no_values, is_j1939, match_groups
-from clutch_hil.recordings.state_names import note_names, note_other_numbers, take_names
-from clutch_hil.recordings.value_tables import is_status, list_missing, list_state_names
+from clutch_hil.recordings.state_names import note_names, note_other_numbers, number_by_states, take_names
+from clutch_hil.recordings.value_tables import is_status, list_missing, list_names, list_state_names
 from protocols.can.claim import BOUND, bind_data_id
 from protocols.can.database import is_carried, read_data_id
 from protocols.can.frames import DBC, DBC_1, FrameCodec
@@ -44,7 +44,7 @@ def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = Non
     """The signals of the frames in a file. zero: time stamp of the time 0 [s]; that of the first frame if not given."""
     given = options.get("dbc")
     log = read_bus_log(path)
-    dbc = _find(path, given) if given else _choose_database(log, options.get("channel"))
+    dbc = find_database(path, given) if given else _choose_database(log, options.get("channel"))
     foreign = read_foreign_database(dbc)
     messages = {(m.frame_id, m.is_extended_frame): m for m in foreign.database.messages}
     j1939 = options.get("j1939")
@@ -96,7 +96,7 @@ class _BusRecording:
         said_j1939: bool | None,
     ) -> None:
         version = find_version(foreign.database)
-        self._database, self._left_out = foreign.database, foreign.left_out
+        self._path, self._database, self._left_out = path, foreign.database, foreign.left_out
         self._said_j1939 = said_j1939
         self.numbers: Mapping[str, float] = {}
         self.notes = [
@@ -310,6 +310,9 @@ class _BusRecording:
         raster, signal = self._signals[channel.number]
         values = read_physical_values(signal, raster.payloads)
         self._note_missing(channel.path, signal, values)
+        if channel.states and (all_names := list_names(signal)):
+            numbered = number_by_states(self._path, channel, values, all_names)
+            return replace(numbered, time=self._times[raster.rows])
         names = list_state_names(signal)
         if taken := take_names(values, names):
             values, notes = taken
@@ -344,7 +347,7 @@ def _find_other_kind(ids: Sequence[Sequence[int]], messages: Mapping[tuple[int, 
     return ""
 
 
-def _find(recording_path: Path, name: str) -> Path:
+def find_database(recording_path: Path, name: str) -> Path:
     """The database as named, or beside the recording."""
     path = Path(name)
     beside = recording_path.parent / path

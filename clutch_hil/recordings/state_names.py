@@ -3,10 +3,12 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel
+from clutch_hil.recordings.channel import Channel, Signal
+from protocols.errors import InputError
 
 _MOST_TOLD = 5  # largest number of names in a note
 _LONGEST = 6  # largest number of digits in a name
@@ -44,6 +46,23 @@ def value_states(names: Sequence[str | None]) -> np.ndarray | None:
 def name_states(channel: Channel) -> Channel:
     """Return a channel whose words a reader has replaced by the numbers that an import map gives them."""
     return replace(channel, kind="status", unit="", states=())
+
+
+def number_by_states(path: Path, channel: Channel, values: np.ndarray, names: Mapping[float, str]) -> Signal:
+    """Return the signal of a status by the numbers that an import map gives the `names` of its `values` (n,).
+
+    A name that says that there is no value needs no number. Raises InputError for another one without a number.
+    """
+    given = {word.strip().lower(): number for word, number in channel.states}
+    taken = np.full(len(values), np.nan)
+    for value in np.unique(values[np.isfinite(values)]):
+        name = names.get(value, "").strip()
+        if name.lower() in given:
+            taken[values == value] = given[name.lower()]
+        elif not says_no_value(name):
+            what = f"{name!r} for {value:g}" if name else f"{value:g}, which has no name"
+            raise InputError(f"recording {path}: {channel.path!r} holds {what}; give its number in `states` of the map")
+    return Signal(name_states(channel), taken)
 
 
 def take_names(values: np.ndarray, names: Mapping[float, str]) -> tuple[np.ndarray, str] | None:

@@ -34,16 +34,17 @@ def list_missing(signal: Signal) -> Mapping[int, str]:
     return {_wrap(signal, raw): str(name) for raw, name in signal.choices.items() if says_no_value(str(name))}
 
 
-def list_state_names(signal: Signal) -> Mapping[float, str]:
-    """Return the names of the values of a status signal, without those for missing values; empty for another signal."""
+def list_names(signal: Signal) -> Mapping[float, str]:
+    """Return the names of the values of a status signal; empty for another signal."""
     if not signal.choices or signal.is_float or not is_status(signal):
         return {}
     scale, offset = float(signal.scale), float(signal.offset)
-    return {
-        scale * _wrap(signal, raw) + offset: str(name)
-        for raw, name in signal.choices.items()
-        if not says_no_value(str(name))
-    }
+    return {scale * _wrap(signal, raw) + offset: str(name) for raw, name in signal.choices.items()}
+
+
+def list_state_names(signal: Signal) -> Mapping[float, str]:
+    """Return the names of the values of a status signal, without those for missing values; empty for another signal."""
+    return {value: name for value, name in list_names(signal).items() if not says_no_value(name)}
 
 
 def find_missing(signal: Signal, raw: np.ndarray) -> np.ndarray:

@@ -36,6 +36,10 @@ class Compressed:
 
     def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
         packing, given = find_packing(read_head(path)), dict(options)
+        if "dbc" in given:
+            from clutch_hil.recordings.bus_recording import find_database  # loads what decodes frames: 0.3 s
+
+            given["dbc"] = str(find_database(path, given["dbc"]))
         folder = Path(mkdtemp(prefix="clutch-hil-"))
         try:
             target = folder / "recording"

@@ -19,7 +19,7 @@ from clutch_hil.recordings.hdf5_packing import Packing, read_packing
 from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
-from clutch_hil.recordings.state_names import note_names, take_names
+from clutch_hil.recordings.state_names import note_names, number_by_states, take_names
 from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling, is_scaling_beside
 from clutch_hil.recordings.text_values import convert_texts
@@ -124,7 +124,11 @@ class Hdf5Recording:
                     signals.append(replace(convert_texts(self._file.path, channel, texts, self.notes), time=time))
                     continue
                 values = read_place(self._file, place, channel.rows, self.notes)
-                if channel.kind == "status" and (taken := take_names(values, list_state_names(self._file, place))):
+                names = list_state_names(self._file, place) if channel.kind == "status" else {}
+                if channel.states and names:
+                    signals.append(replace(number_by_states(self._file.path, channel, values, names), time=time))
+                    continue
+                if taken := take_names(values, names):
                     values, notes = taken
                     note = note_names(channel.path, notes)
                     self.notes += [note] if note not in self.notes else []

@@ -16,7 +16,13 @@ import numpy as np
 from clutch_hil.recordings.channel import Channel, Recording, Signal, name_first, simplify_unit
 from clutch_hil.recordings.foreign import NEEDS_DATABASE
 from clutch_hil.recordings.formats.bus_log import BusLogFormat
-from clutch_hil.recordings.state_names import note_names, note_other_numbers, says_no_value, take_names
+from clutch_hil.recordings.state_names import (
+    note_names,
+    note_other_numbers,
+    number_by_states,
+    says_no_value,
+    take_names,
+)
 from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import is_unit, take_unit
 from protocols.errors import InputError, format_count
@@ -104,6 +110,7 @@ class MdfRecording:
         for axis, seconds in self._seconds.items():
             if axis in values and seconds != 1.0:
                 values[axis] = seconds * values[axis]
+        by_states: dict[MdfChannel, Signal] = {}
         for one, channel in {one: channel for channel, (_, one) in zip(channels, places, strict=True)}.items():
             if one.kind == TEXT:
                 continue
@@ -111,6 +118,9 @@ class MdfRecording:
                 self._drop_missing(channel, one, values[one])
                 continue
             names = self._file.list_names(one) if one.kind == "status" else {}
+            if channel.states and names:
+                by_states[one] = number_by_states(self._path, channel, values[one], names)
+                continue
             note = note_other_numbers(channel.path, names)
             if taken := take_names(values[one], names):
                 values[one], notes = taken
@@ -119,6 +129,10 @@ class MdfRecording:
         return [
             self._convert_texts(channel, group, one, self._read_axis(values, group))
             if one.kind == TEXT
+            else replace(
+                by_states[one], values=by_states[one].values[: group.rows], time=self._read_axis(values, group)
+            )
+            if one in by_states
             else Signal(channel, values[one][: group.rows], self._read_axis(values, group))
             for channel, (group, one) in zip(channels, places, strict=True)
         ]

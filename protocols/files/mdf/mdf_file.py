@@ -115,10 +115,11 @@ class MdfFile:
         group, source = self._mdf.groups[channel.group], self._find_source(channel)
         rows = int(group.channel_group.cycles_nr)
         check_rows(f"recording {self._path}: {channel.name} has", rows, 1)
-        if self.version == 4 and source.flags & (_ALL_INVALID | _MAY_BE_INVALID):
+        marked = self.version == 4 and bool(source.flags & _MAY_BE_INVALID)
+        if marked and getattr(group, "uses_ld", False):
             raise InputError(
-                f"recording {self._path}: {channel.name!r} holds text that the file marks as invalid; save its numbers as"
-                " numbers"
+                f"recording {self._path}: {channel.name!r} holds text that the file may mark as invalid in columns of its"
+                " own; save it in rows, or as numbers"
             )
         self._check_data(channel, group, rows)
         beside = self._read_beside(channel, group, source)
@@ -129,18 +130,29 @@ class MdfFile:
         if self.version == 4 and not getattr(group, "uses_ld", False):
             row_bytes += group.channel_group.invalidation_bytes_nr
         texts: list[str] = []
+        invalid: list[np.ndarray] = []
         with self._reading():
             for fragment in self._mdf._mdf._load_data(group) if rows else ():
-                cells = cut_cells(fragment.data if self.version == 4 else fragment[0], row_bytes, first, size)
+                data = fragment.data if self.version == 4 else fragment[0]
+                cells = cut_cells(data, row_bytes, first, size)
                 raw = follow_offsets(cells, beside) if beside is not None else (cell.tobytes() for cell in cells)
                 texts += decode(raw, source.data_type, self.version)
+                if marked:
+                    place = group.channel_group.samples_byte_nr + source.pos_invalidation_bit // 8
+                    bits = cut_cells(data, row_bytes, place, 1)[:, 0] >> source.pos_invalidation_bit % 8 & 1
+                    invalid.append(bits.astype(bool))
                 if len(texts) >= rows or not len(cells):
                     break
         if len(texts) != rows:
             raise make_damage_error(
                 self._path, f"{channel.name} has {rows} rows by its header, and {len(texts)} in its data"
             )
-        return self._convert_texts(channel, source, texts)
+        texts = self._convert_texts(channel, source, texts)
+        if self.version == 4 and source.flags & _ALL_INVALID:
+            return [""] * rows
+        for row in np.flatnonzero(np.concatenate(invalid)) if invalid else ():
+            texts[row] = ""
+        return texts
 
     def _convert_texts(self, channel: MdfChannel, source: Any, texts: list[str]) -> list[str]:
         conversion = source.conversion

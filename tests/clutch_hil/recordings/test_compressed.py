@@ -188,3 +188,12 @@ def test_a_channel_of_a_compressed_file_can_be_read_again(tmp_path: Path) -> Non
     for _ in range(2):
         (signal,) = recording.read([recording.channels[1]])
         np.testing.assert_array_equal(signal.values, TORQUE)
+
+
+def test_a_database_beside_a_compressed_log_is_found(tmp_path: Path) -> None:
+    (tmp_path / "car.dbc").write_text('VERSION ""\nBU_: E\nBO_ 256 ENG: 8 E\n SG_ n : 0|16@1+ (0.5,0) [0|0] "rpm" E\n')
+    log = "".join(f"({100.0 + 0.01 * row:.6f}) can0 100#{row:02X}00000000000000\n" for row in range(50))
+    (tmp_path / "drive.log.gz").write_bytes(gzip.compress(log.encode()))
+    recording = open_recording(tmp_path / "drive.log.gz", {"dbc": "car.dbc"})
+    (signal,) = recording.read([channel for channel in recording.channels if channel.path == "ENG.n"])
+    np.testing.assert_array_equal(signal.values, 0.5 * np.arange(50))

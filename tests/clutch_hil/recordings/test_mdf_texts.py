@@ -97,3 +97,17 @@ def test_a_text_beyond_its_data_is_refused(tmp_path: Path, place: str, number: i
         struct.pack_into("<I", content, content.index(b"##SD") + 24, number & 0xFFFFFFFF or 0xFFFFFF)
     path.write_bytes(content)
     assert "a text is beyond the end of its data" in find_refusal(tmp_path, path, MAP)
+
+
+@pytest.mark.parametrize("compression", [0, 1, 2])
+def test_texts_that_the_file_marks_as_invalid_are_no_value(tmp_path: Path, compression: int) -> None:
+    invalid = np.zeros(ROWS, bool)
+    invalid[[3, 4, ROWS - 2]] = True
+    force = make_signal("force", FORCE, unit="N", invalidation_bits=~invalid)  # another bit of the same byte
+    text = make_text("pos", NUMBERS, unit="m", invalidation_bits=invalid)
+    path = write(tmp_path / "a.mf4", [force, text], compression=compression)
+    columns = '[columns]\ntime_s = { from = "time" }\nposition_m = { from = "pos" }\n'
+    assert "position_m is not a number in row 3, one of 3 such rows" in find_refusal(tmp_path, path, columns)
+    run = import_by(tmp_path, path, f"[file]\nresample_hz = {1.0 / (TIME[1] - TIME[0])}\n{columns}")
+    wanted = np.interp(TIME, TIME[~invalid], np.array(NUMBERS, float)[~invalid])
+    np.testing.assert_allclose(run["position_m"], wanted, atol=1e-12)

@@ -16,7 +16,7 @@ from asammdf import MDF, Signal
 
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording
-from tests.clutch_hil.recordings.maps import import_by
+from tests.clutch_hil.recordings.maps import find_refusal, import_by
 
 ROWS = 60
 TIME = 0.01 * np.arange(ROWS)
@@ -176,3 +176,32 @@ def test_a_word_for_several_numbers_names_none(tmp_path: Path) -> None:
         mdf.append([Signal(COUNTS.astype("u1"), TIME, name="gear", conversion=conversion)])
         path = Path(mdf.save(tmp_path / "bus"))
     np.testing.assert_array_equal(import_by(tmp_path, path, GEAR + 'time_s = { from = "time_s" }\n')["gear_1"], COUNTS)
+
+
+BY_WORDS = 'states = { open = 10, "HALF open" = 15, closed = 20 }'
+
+
+@pytest.mark.parametrize("write", NAMED.values(), ids=NAMED)
+def test_states_of_the_map_give_the_names_of_a_file_other_numbers(
+    tmp_path: Path, write: Callable[[Path, str], tuple[Path, str]]
+) -> None:
+    path, columns = write(tmp_path, '0 "Open" 1 "Half open" 2 "Closed" 3 "Half Open "')
+    columns = columns.replace('unit = "1"', BY_WORDS) + 'time_s = { from = "time_s", unit = "s" }\n'
+    run = import_by(tmp_path, path, columns)
+    np.testing.assert_array_equal(run["gear_1"], np.array([10.0, 15.0, 20.0, 15.0])[COUNTS])
+    assert "by the map open is 10, HALF open is 15, closed is 20" in " ".join(run.metadata["import"]["done"])
+
+
+@pytest.mark.parametrize("write", NAMED.values(), ids=NAMED)
+def test_a_name_without_a_number_is_refused_and_one_for_no_value_is_none(
+    tmp_path: Path, write: Callable[[Path, str], tuple[Path, str]]
+) -> None:
+    path, columns = write(tmp_path, '0 "Open" 1 "Half open" 2 "Closed" 3 "SNA"')
+    columns += 'time_s = { from = "time_s", unit = "s" }\n'
+    without = columns.replace('unit = "1"', "states = { open = 10, closed = 20 }")
+    refusal = find_refusal(tmp_path, path, without)
+    assert "gear' holds 'Half open' for 1; give its number in `states` of the map" in refusal
+    assert "gear_1 is not a number in row 3" in find_refusal(tmp_path, path, columns.replace('unit = "1"', BY_WORDS))
+    path, columns = write(tmp_path, '0 "Open" 1 "Half open" 2 "Closed"')
+    columns = columns.replace('unit = "1"', BY_WORDS) + 'time_s = { from = "time_s", unit = "s" }\n'
+    assert "gear' holds 3, which has no name; give its number in" in find_refusal(tmp_path, path, columns)
