@@ -169,7 +169,10 @@ def _drop_others(path: Path, block: Block, layout: Layout, left_out: Rows) -> tu
     if b'"' in text:
         if mark:
             text = re.sub(re.escape(mark) + rb' +"', mark + b'"', text)
-        text = re.sub(rb'"([^"\n' + (re.escape(mark) or rb" \t") + rb']*)"', rb"\1", text)
+        parts = re.escape(mark) or rb" \t"
+        text = re.sub(
+            rb"(?m)(?:(?<=[" + parts + rb'])|^)"([^"\n' + parts + rb']*)"(?=[' + parts + rb"\r]|$)", rb"\1", text
+        )
     lead = b"\n" + text[:_LEAD]
     starts: tuple[bytes, ...] = (b"\n" + mark if mark else b"\n\n", b"\n\n", b"\n ", b"\n\t", b"\n#", b"\n%", b"\n//")
     starts += tuple(b"\n" + cell.encode() for cell in layout.headings.firsts)

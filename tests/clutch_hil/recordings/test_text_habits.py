@@ -228,3 +228,13 @@ def test_a_quoted_column_with_a_decimal_comma_stays_one_column(tmp_path: Path) -
     text = quote_lines("torque\n" + "".join(f"{torque:.4f}\n".replace(".", ",") for torque in TORQUE))
     columns = '[columns]\ntime_s = { rate_hz = 100.0 }\ntorque_nm = { number = 1, unit = "Nm" }\n'
     np.testing.assert_allclose(read(tmp_path, text, columns=columns)["torque_nm"], TORQUE, atol=1e-12)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|"])
+@pytest.mark.parametrize("note", ['say ""hi""{} ok', '5"" pipe', '""', "a{}b"])
+def test_quotes_in_a_quoted_cell_part_no_cells(tmp_path: Path, delimiter: str, note: str) -> None:
+    header = delimiter.join([*NAMES, "note"])
+    text = make_table(delimiter, header, end=f'{delimiter}"{note.format(delimiter)}"')
+    run = read(tmp_path, text)
+    assert_right(run)
+    assert "left out" not in convert_run(run)
