@@ -57,9 +57,7 @@ def unpack(path: Path, packing: str, member: str, target: Path) -> str:
 
 def _choose_member(path: Path, archive: ZipFile, member: str) -> ZipInfo:
     """Return the member of this name, or the only one. Raises InputError, also for one that cannot be unpacked."""
-    members = {
-        info.filename: info for info in archive.infolist() if not (info.is_dir() or _is_of_system(info.filename))
-    }
+    members = {info.filename: info for info in archive.infolist() if _is_file(info.filename)}
     if member and member not in members:
         raise InputError(f"recording {path} has no member {member!r}; {suggest_closest(member, members)}")
     if not member and len(members) != 1:
@@ -81,9 +79,10 @@ def _choose_member(path: Path, archive: ZipFile, member: str) -> ZipInfo:
     return info
 
 
-def _is_of_system(name: str) -> bool:
-    """Return whether a member is one that systems add for themselves."""
-    return name.startswith("__MACOSX/") or name.rpartition("/")[2] in (".DS_Store", "Thumbs.db", "desktop.ini")
+def _is_file(name: str) -> bool:
+    """Return whether a member is a file of somebody: no folder, and none that systems add for themselves."""
+    last = name.rpartition("/")[2]
+    return bool(last) and not name.startswith("__MACOSX/") and last not in (".DS_Store", "Thumbs.db", "desktop.ini")
 
 
 def _copy(path: Path, read: Callable[[int], bytes], target: Path) -> None:

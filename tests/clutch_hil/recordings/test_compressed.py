@@ -141,6 +141,7 @@ def encrypt(archive: bytes) -> bytes:
             "log.csv is packed by method 14 of ZIP; allowed are stored, deflate",
         ),
         (make_zip({"a/": b""}), "is a ZIP archive of 0 files; allowed is one"),
+        (make_zip({"": TABLE}), "is a ZIP archive of 0 files; allowed is one"),
         (make_zip({"log.csv": TABLE})[:400], "cannot be unpacked by ZIP: File is not a zip file"),
         (gzip.compress(gzip.compress(TABLE)), "holds another compressed file; unpack it"),
         (make_zip({"log.csv.gz": gzip.compress(TABLE)}), "(log.csv.gz) holds another compressed file; unpack it"),
