@@ -25,15 +25,15 @@ _PATTERNS = [(re.compile(rf"(?:.*[\W_])?(?:{n})", re.IGNORECASE), unit, parts) f
 def find_fraction(channels: Sequence[Channel], clock: Channel | None, unit: str) -> tuple[Channel, float] | None:
     """Return the channel that may have the fractions of the whole seconds of `clock`, and its parts of a second.
 
-    It is the first one behind the clock, in its raster, that is called so; None for none. unit: of the clock by the map.
+    It is the first one behind the clock, else before it, in its raster, that is called so; None for none. unit: of the clock by the map.
     """
     if not clock or not clock.number or {simplify_unit(clock.unit), unit} - {"", "s"}:
         return None
-    for channel in channels:
-        behind = (
-            channel.number > clock.number and channel.raster == clock.raster and channel.kind in ("number", "status")
-        )
-        for pattern, own, parts in _PATTERNS if behind else ():
+    for channel in sorted(
+        channels, key=lambda one: one.number < clock.number
+    ):  # HDF5 has them in the order of their names
+        possible = channel is not clock and channel.raster == clock.raster and channel.kind in ("number", "status")
+        for pattern, own, parts in _PATTERNS if possible else ():
             if pattern.fullmatch(channel.name) and simplify_unit(channel.unit).replace("µ", "u") in ("", own):
                 return channel, parts
     return None

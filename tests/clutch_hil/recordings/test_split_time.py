@@ -1,8 +1,10 @@
 """Whole seconds in one column and their fractions in another, in any format, are one time; what only looks so is not."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -49,9 +51,16 @@ def test_seconds_and_their_fractions_are_one_time(
     assert f"{first}: with the fractions of its seconds in {second!r}" in convert_run(run)
 
 
-def test_they_are_one_in_a_binary_format(tmp_path: Path) -> None:
-    path = tmp_path / "log.parquet"
-    pq.write_table(pa.table({"sec": SECONDS + EPOCH, "nanosec": 1000 * REST, "torque": TORQUE}), path)
+def write_hdf5(columns: dict[str, np.ndarray], path: Path) -> None:
+    with h5py.File(path, "w") as file:  # in the order of their names
+        for name, values in columns.items():
+            file[name] = values
+
+
+@pytest.mark.parametrize("write", [lambda columns, path: pq.write_table(pa.table(columns), path), write_hdf5])
+def test_they_are_one_in_a_binary_format(tmp_path: Path, write: Callable[[dict[str, Any], Path], None]) -> None:
+    path = tmp_path / "log"
+    write({"sec": SECONDS + EPOCH, "nanosec": 1000 * REST, "torque": TORQUE}, path)
     run = import_by(tmp_path, path, make_map("sec"))
     np.testing.assert_allclose(run["time_s"], 0.13 * np.arange(ROWS), atol=1e-6)
 
