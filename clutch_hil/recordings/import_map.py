@@ -113,13 +113,14 @@ class ImportMap:
         beside = find_times_beside(recording.channels, sources)
         wanted = [replace(channel, states=self.columns[name].states) for name, channel in sources.items()]
         _check_states(path, wanted)
-        split = find_fraction(recording.channels, sources.get("time_s"), self.columns["time_s"].unit)
-        read = recording.read([*wanted, *beside.values(), *([split[0]] if split else [])])
-        signals = dict(zip(sources, read, strict=False))
-        times = keep_rising(dict(zip(beside, read[len(sources) :], strict=False)))
+        read = recording.read([*wanted, *beside.values()])
+        signals = dict(zip(sources, read[: len(sources)], strict=True))
+        times = keep_rising(dict(zip(beside, read[len(sources) :], strict=True)))
+        split = find_fraction(recording.channels, signals.get("time_s"), self.columns["time_s"].unit)
+        fraction = recording.read([split[0]])[0] if split else None
         notes = list(recording.notes)
-        if split:
-            signals["time_s"] = join_fraction(signals["time_s"], read[-1], split[1], notes)
+        if split and fraction:
+            signals["time_s"] = join_fraction(signals["time_s"], fraction, split[1], notes)
         if rate := self.columns["time_s"].rate_hz:
             signals["time_s"] = count_rows(signals, rate)
             notes.append(f"time_s is the number of the row over {rate:g} Hz")

@@ -19,22 +19,30 @@ _PARTS = {
     (r"ns(ec)?s?|nano(s|second|sec|sekunde|seconde)?[sn]?", "ns"): 1e9,
     (r"fraction|frac|sub_?sec(ond)?s?", "s"): 1.0,
 }
-_PATTERNS = [(re.compile(rf"(?:.*[\W_])?(?:{n})", re.IGNORECASE), unit, parts) for (n, unit), parts in _PARTS.items()]
+_PATTERNS = [
+    (re.compile(rf"(?:(?P<stem>.*?)[\W_]+)?(?:{name})", re.IGNORECASE), unit, parts)
+    for (name, unit), parts in _PARTS.items()
+]
 
 
-def find_fraction(channels: Sequence[Channel], clock: Channel | None, unit: str) -> tuple[Channel, float] | None:
-    """Return the channel that may have the fractions of the whole seconds of `clock`, and its parts of a second.
+def find_fraction(channels: Sequence[Channel], seconds: Signal | None, unit: str) -> tuple[Channel, float] | None:
+    """Return the channel that may have the fractions of whole `seconds`, and its parts of a second; None if there is none.
 
-    It is the first one behind the clock, else before it, in its raster, that is called so; None for none. unit: of the clock by the map.
+    It is the first one behind the seconds, else before them, in their raster, that is called so. unit: by the map.
     """
-    if not clock or not clock.number or {simplify_unit(clock.unit), unit} - {"", "s"}:
+    clock = seconds.channel if seconds else None
+    if not seconds or not clock or not clock.number or {simplify_unit(clock.unit), unit} - {"", "s"}:
         return None
-    for channel in sorted(
-        channels, key=lambda one: one.number < clock.number
-    ):  # HDF5 has them in the order of their names
-        possible = channel is not clock and channel.raster == clock.raster and channel.kind in ("number", "status")
-        for pattern, own, parts in _PATTERNS if possible else ():
-            if pattern.fullmatch(channel.name) and simplify_unit(channel.unit).replace("µ", "u") in ("", own):
+    if not np.isfinite(seconds.values).all() or np.any(seconds.values != np.rint(seconds.values)):
+        return None
+    beside = [one for one in channels if one.raster == clock.raster and one.number != clock.number]
+    others = [one for one in beside if one.kind in ("number", "status")]
+    others.sort(key=lambda one: one.number < clock.number)  # HDF5 has them in the order of their names
+    for channel in others:
+        for pattern, own, parts in _PATTERNS:
+            match = pattern.fullmatch(channel.name)
+            of_clock = match and clock.name.lower().startswith((match["stem"] or "").lower())  # not `speed_ms`, in m/s
+            if of_clock and simplify_unit(channel.unit).replace("µ", "u") in ("", own):
                 return channel, parts
     return None
 
@@ -53,9 +61,9 @@ def join_fraction(seconds: Signal, fraction: Signal, parts: float, notes: list[s
 
 
 def _belong_together(seconds: np.ndarray, fraction: np.ndarray, parts: float) -> bool:
-    if len(seconds) != len(fraction) or not (np.isfinite(seconds).all() and np.isfinite(fraction).all()):
+    if len(seconds) != len(fraction) or not np.isfinite(fraction).all():
         return False
-    if np.any(seconds != np.rint(seconds)) or np.any((fraction < 0.0) | (fraction >= parts)):
+    if np.any((fraction < 0.0) | (fraction >= parts)):
         return False
     if parts > 1.0 and np.any(fraction != np.rint(fraction)):
         return False

@@ -1,6 +1,7 @@
 """Whole seconds in one column and their fractions in another, in any format, are one time; what only looks so is not."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from clutch_hil.recordings.channel import Channel
+from clutch_hil.recordings.channel import Channel, Signal
 from clutch_hil.recordings.split_time import find_fraction
 from tests.clutch_hil.recordings.maps import import_by
 from tests.clutch_hil.recordings.text_files import ROWS, TORQUE, convert_run, find_refusal, read
@@ -87,15 +88,21 @@ def test_what_is_no_fraction_is_not_added(tmp_path: Path, fractions: np.ndarray,
     ), what
 
 
-def test_a_time_that_has_its_fractions_is_left_alone(tmp_path: Path) -> None:
-    run = read(tmp_path, make_text("sec", "usec", MOMENTS / 1e6, REST), columns=make_map("sec"))
+@pytest.mark.parametrize("fractions", [REST, ["word"] * ROWS])
+def test_a_time_that_has_its_fractions_needs_no_other_column(tmp_path: Path, fractions: Any) -> None:
+    run = read(tmp_path, make_text("sec", "usec", MOMENTS / 1e6, fractions), columns=make_map("sec"))
     np.testing.assert_allclose(run["time_s"], MOMENTS / 1e6, atol=1e-9)
 
 
 def test_a_channel_with_a_unit_or_of_another_raster_is_no_fraction() -> None:
-    clock = Channel("sec", 1, "sec", raster="a")
-    assert find_fraction([clock, Channel("usec", 2, "usec", raster="a")], clock, "s")
-    assert find_fraction([clock, Channel("usec", 2, "usec", "µs", "a")], clock, "s")
-    for other in (Channel("usec", 2, "usec", "V", "a"), Channel("usec", 2, "usec", raster="b")):
-        assert find_fraction([clock, other], clock, "s") is None
-    assert find_fraction([clock, Channel("usec", 2, "usec", raster="a")], clock, "ms") is None
+    clock = Signal(Channel("sec", 1, "sec", raster="a"), np.arange(5.0))
+    beside = Channel("usec", 2, "usec", raster="a")
+    assert find_fraction([clock.channel, beside], clock, "s")
+    assert find_fraction([clock.channel, replace(beside, unit="µs")], clock, "s")
+    assert find_fraction([clock.channel, replace(beside, name="sec_us")], clock, "s")
+    for other in (replace(beside, name="speed_ms"), replace(beside, name="bus"), replace(beside, unit="V")):
+        assert find_fraction([clock.channel, other], clock, "s") is None
+    for other in (replace(beside, raster="b"), replace(beside, kind="text")):
+        assert find_fraction([clock.channel, other], clock, "s") is None
+    assert find_fraction([clock.channel, beside], clock, "ms") is None
+    assert find_fraction([clock.channel, beside], replace(clock, values=np.array([0.0, 0.5])), "s") is None
