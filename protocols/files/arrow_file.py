@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.ipc
 import pyarrow.parquet as pq
 
@@ -15,11 +16,15 @@ from protocols.files.child_reader import ChildReader
 
 PARQUET, IPC_FILE, IPC_STREAM, FEATHER_1 = b"PAR1", b"ARROW1\0\0", b"\xff\xff\xff\xff", b"FEA1"  # first bytes of a file
 _MOST_FOOTER = 64 << 20  # bytes of a Parquet footer: one of 10 000 columns has 3 MB
+_DEEPEST = 8  # structures within each other
 _LONGEST_REASON = 200  # characters of another library's error message
 
 
 class ArrowFile:
-    """An open file. schema: its columns; described: their names and types. rows: number of rows. metadata: of the table."""
+    """An open file. schema: its columns; described: their names and types. rows: number of rows. metadata: of the table.
+
+    The fields of a structure are columns of their own, `pose.x`.
+    """
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._path, self._parquet = path, None
@@ -28,7 +33,7 @@ class ArrowFile:
             if head.startswith(PARQUET):
                 self._check_footer()
                 self._parquet = pq.ParquetFile(path)
-                self.schema: pa.Schema = self._parquet.schema_arrow
+                self._stored: pa.Schema = self._parquet.schema_arrow
                 self.rows = int(self._parquet.metadata.num_rows)
                 self.metadata: Mapping[bytes, bytes] = self._parquet.metadata.metadata or {}
                 self._check_groups(self._parquet.metadata)
@@ -37,9 +42,12 @@ class ArrowFile:
             else:
                 self._open = pa.ipc.open_file if head.startswith(IPC_FILE) else pa.ipc.open_stream
                 with pa.memory_map(str(path)) as source, self._open(source) as reader:
-                    self.schema = reader.schema
-                self.metadata = self.schema.metadata or {}
+                    self._stored = reader.schema
+                self.metadata = self._stored.metadata or {}
                 self.rows = self._count()
+            flat = [leaf for k, field in enumerate(self._stored) for leaf in _flatten(field, k, ())]
+            self.schema = pa.schema([field for field, _, _ in flat])
+            self._places = [(k, path) for _, k, path in flat]
             self.described = [
                 (field.name, str(field.type)) for field in self.schema
             ]  # raises for names that are not text
@@ -62,10 +70,14 @@ class ArrowFile:
 
     def _read_parquet(self, file: pq.ParquetFile, index: int) -> pa.ChunkedArray:
         """Return a column by its name; several of the same name are read together."""
-        name = self.schema.names[index]
-        check_bytes(f"recording {self._path}: column {name!r} needs", self._count_column_bytes(file.metadata, name))
-        same = [k for k, other in enumerate(self.schema.names) if other == name]
-        return file.read(columns=[name]).column(same.index(index))
+        place, path = self._places[index]
+        name = self._stored.names[place]
+        leaf = ".".join((name, *path))
+        check_bytes(f"recording {self._path}: column {leaf!r} needs", self._count_column_bytes(file.metadata, leaf))
+        same = [k for k, other in enumerate(self._stored.names) if other == name]
+        table = file.read(columns=[leaf])
+        found = [k for k, other in enumerate(table.column_names) if other == name]
+        return _take_field(table.column(found[same.index(place)]), path)
 
     def _count_column_bytes(self, footer: pq.FileMetaData, name: str) -> int:
         """Return the bytes of a column, or of all columns if these are few.
@@ -80,19 +92,20 @@ class ArrowFile:
         return int(self._sizes.ask(name))
 
     def _read_ipc(self, indices: Sequence[int]) -> list[pa.ChunkedArray]:
-        wanted = sorted(set(indices))
+        wanted = sorted({self._places[index][0] for index in indices})
         options = pa.ipc.IpcReadOptions(included_fields=wanted)
         with pa.memory_map(str(self._path)) as source, self._open(source, options=options) as reader:
             table = reader.read_all()
         table.validate(full=True)  # numbers of a damaged file would be used as memory addresses
-        return [table.column(wanted.index(index)) for index in indices]
+        places = [self._places[index] for index in indices]
+        return [_take_field(table.column(wanted.index(place)), path) for place, path in places]
 
     def _count(self) -> int:
         """Return the number of rows of an IPC file, from its smallest column; the others are not read."""
-        fixed = [k for k, field in enumerate(self.schema) if pa.types.is_primitive(field.type)]
-        if not len(self.schema):
+        fixed = [k for k, field in enumerate(self._stored) if pa.types.is_primitive(field.type)]
+        if not len(self._stored):
             return 0
-        narrowest = min(fixed, key=lambda k: self.schema.field(k).type.bit_width, default=0)
+        narrowest = min(fixed, key=lambda k: self._stored.field(k).type.bit_width, default=0)
         options = pa.ipc.IpcReadOptions(included_fields=[narrowest])
         rows = 0
         with pa.memory_map(str(self._path)) as source, self._open(source, options=options) as reader:
@@ -126,6 +139,21 @@ class ArrowFile:
             raise InputError(
                 f"recording {self._path} cannot be read: it is damaged, its parts do not have {self.rows} rows together"
             )
+
+
+def _flatten(field: pa.Field, place: int, path: tuple[str, ...]) -> Iterator[tuple[pa.Field, int, tuple[str, ...]]]:
+    """Yield a column, or the fields in a structure, with the number of the stored column and the path in it."""
+    if not pa.types.is_struct(field.type) or len(path) == _DEEPEST:
+        yield field, place, path
+        return
+    for inner in field.type:
+        named = inner.with_name(f"{field.name}.{inner.name}")
+        yield from _flatten(named, place, (*path, inner.name))
+
+
+def _take_field(column: pa.ChunkedArray, path: tuple[str, ...]) -> pa.ChunkedArray:
+    """Return the field at a path in a structure; the column itself if the path is empty."""
+    return pc.struct_field(column, list(path)) if path else column
 
 
 def serve_sizes(path: str) -> Callable[[str], int]:

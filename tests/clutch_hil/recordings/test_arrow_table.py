@@ -246,3 +246,40 @@ def test_a_column_that_was_left_out_is_told_where_it_is_asked_for(tmp_path: Path
     toml.write_text(MAP.replace('"pos"', f'"{asked}"'))
     with pytest.raises(InputError, match="left out, as they are neither numbers, times nor text: pos \\(list"):
         load_map(str(toml)).read(path)
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_fields_of_structures_are_columns(tmp_path: Path, writer: str) -> None:
+    pose = pa.array(
+        [{"x": 2.0 * time, "at": {"y": None if row == 7 else time, "unit": "m"}} for row, time in enumerate(TIME)]
+    )
+    missing = pa.array([row == 9 for row in range(ROWS)])
+    pose = pa.StructArray.from_arrays([pose.field(0), pose.field(1)], ["x", "at"], mask=missing)
+    table = pa.table([pa.array(TIME), pose, pa.array(3.0 * TIME)], ["time_s", "pose", "pose.x y"])
+    path = tmp_path / "log"
+    WRITERS[writer](table, path)
+    recording = open_recording(path)
+    assert [channel.name for channel in recording.channels] == [
+        "time_s",
+        "pose.x",
+        "pose.at.y",
+        "pose.at.unit",
+        "pose.x y",
+    ]
+    x, y, other = recording.read(
+        [choose_channel(path, recording.channels, one) for one in ("pose.x", "pose.at.y", "pose.x y")]
+    )
+    np.testing.assert_array_equal(x.values, np.where(np.arange(ROWS) == 9, np.nan, 2.0 * TIME))
+    np.testing.assert_array_equal(y.values, np.where(np.isin(np.arange(ROWS), (7, 9)), np.nan, TIME))
+    np.testing.assert_array_equal(other.values, 3.0 * TIME)
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_column_called_as_a_field_of_a_structure_is_another_one(tmp_path: Path, writer: str) -> None:
+    table = pa.table({"time_s": TIME, "pose": [{"x": time} for time in TIME], "pose.x": -TIME})
+    path = tmp_path / "log"
+    WRITERS[writer](table, path)
+    recording = open_recording(path)
+    signals = recording.read([choose_channel(path, recording.channels, one) for one in ("pose.x/1", "pose.x/2")])
+    np.testing.assert_array_equal(signals[0].values, TIME)
+    np.testing.assert_array_equal(signals[1].values, -TIME)
