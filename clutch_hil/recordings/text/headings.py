@@ -225,7 +225,7 @@ def _find_names(
             together.append(n)  # two lines of two cells are rather remarks
     usual = together[-1] if units is None else together[0]
     for n in (usual, *together):  # the names of all columns, a time among them, and no units
-        if n in timed and all(rows[n]) and (n == usual or not any(map(is_unit, rows[n]))):
+        if n in timed and all(rows[n][:width]) and (n == usual or not any(map(is_unit, rows[n]))):
             return n
     return max([usual, *reversed(together)], key=lambda n: len(set(rows[n]) - {""}))
 

@@ -444,3 +444,12 @@ def test_units_of_a_name_and_of_a_line_that_contradict_each_other_are_told(
     np.testing.assert_allclose(run["speed_rad_s"], RPM * np.round(SPEED, 2))
     note = f"speed: its unit is {name} by its name, and {unit} by the line of units, which is used"
     assert (note in run.metadata["import"]["done"]) == told
+
+
+@pytest.mark.parametrize("end", ["", ";"])
+def test_a_remark_of_as_many_cells_right_above_the_names_has_no_names(tmp_path: Path, end: str) -> None:
+    rows = (
+        f"{time:.2f};{torque:.4f};{speed:.2f}{end}" for time, torque, speed in zip(TIME, TORQUE, SPEED, strict=True)
+    )
+    run = read(tmp_path, "\n".join(["Operator;Smith;x", "time;torque;speed", *rows, ""]))
+    np.testing.assert_allclose(run["torque_nm"], TORQUE)
