@@ -11,6 +11,7 @@ import numpy as np
 
 from clutch_hil.recordings.channel import NO_VALUES, TIME_NAMES, Channel, Recording, name_first, simplify_unit
 from clutch_hil.recordings.foreign_column import UNITS, can_become, is_absolute, offset_air
+from clutch_hil.recordings.split_time import find_seconds
 from clutch_hil.recordings.stated_rate import list_stated_rates
 from clutch_hil.recordings.time_axis import EPOCH_S
 from clutch_hil.recordings.unit_in_name import hint_unit, is_known
@@ -65,7 +66,9 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     """
     empty = [channel for channel in recording.channels if channel.comment == NO_VALUES]
     usable = [channel for channel in _convert_texts(recording) if channel.kind != "text" and channel not in empty]
-    clock = _find_clock(usable) or _find_rising(usable, recording, True)
+    clock = (
+        _find_clock(usable) or find_seconds(recording, usable[:_MOST_TRIED]) or _find_rising(usable, recording, True)
+    )
     stated = list_stated_rates(recording.numbers, usable)
     if len(usable) < (1 if stated else 2):
         raise InputError(

@@ -6,11 +6,13 @@ the recording, or be something else: it is one only where all its numbers are be
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Signal, simplify_unit
+from clutch_hil.recordings.channel import Channel, Recording, Signal, simplify_unit
+from protocols.errors import InputError
 
 # End of a name, unit -> parts of a second
 _PARTS = {
@@ -19,6 +21,7 @@ _PARTS = {
     (r"ns(ec)?s?|nano(s|second|sec|sekunde|seconde)?[sn]?", "ns"): 1e9,
     (r"fraction|frac|sub_?sec(ond)?s?", "s"): 1.0,
 }
+_SECONDS = re.compile(r"(?:.*[\W_])?s(?:ec(?:ond)?s?)?", re.IGNORECASE)
 _PATTERNS = [
     (re.compile(rf"(?:(?P<stem>.*?)[\W_]+)?(?:{name})", re.IGNORECASE), unit, parts)
     for (name, unit), parts in _PARTS.items()
@@ -44,6 +47,18 @@ def find_fraction(channels: Sequence[Channel], seconds: Signal | None, unit: str
             of_clock = match and clock.name.lower().startswith((match["stem"] or "").lower())  # not `speed_ms`, in m/s
             if of_clock and simplify_unit(channel.unit).replace("µ", "u") in ("", own):
                 return channel, parts
+    return None
+
+
+def find_seconds(recording: Recording, channels: Sequence[Channel]) -> Channel | None:
+    """Return the first of `channels` that is called as seconds, is whole, and has its fractions in another; None for none."""
+    named = [channel for channel in channels if channel.kind == "number" and _SECONDS.fullmatch(channel.name)]
+    for channel in named:
+        with suppress(InputError):  # words in one of them
+            (seconds,) = recording.read([channel])
+            split = find_fraction(channels, seconds, "s")
+            if split and _belong_together(seconds.values, recording.read([split[0]])[0].values, split[1]):
+                return channel
     return None
 
 

@@ -12,6 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from clutch_hil.recordings.channel import Channel, Signal
+from clutch_hil.recordings.contents import draft_map
+from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.split_time import find_fraction
 from tests.clutch_hil.recordings.maps import import_by
 from tests.clutch_hil.recordings.text_files import ROWS, TORQUE, convert_run, find_refusal, read
@@ -50,6 +52,14 @@ def test_seconds_and_their_fractions_are_one_time(
     run = read(tmp_path, make_text(first, second, SECONDS + epoch, fractions), columns=make_map(first))
     np.testing.assert_allclose(run["time_s"] - run["time_s"][0], 0.13 * np.arange(ROWS), atol=1e-6)
     assert f"{first}: with the fractions of its seconds in {second!r}" in convert_run(run)
+
+
+@pytest.mark.parametrize(("first", "second"), [("ts_sec", "ts_usec"), ("header.stamp.secs", "header.stamp.usecs")])
+def test_a_draft_names_the_seconds_and_imports_as_it_is(tmp_path: Path, first: str, second: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(make_text(first, second, SECONDS + EPOCH, REST))
+    run = import_by(tmp_path, path, draft_map(path, open_recording(path)))
+    np.testing.assert_allclose(run["time_s"], 0.13 * np.arange(ROWS), atol=1e-6)
 
 
 def write_hdf5(columns: dict[str, np.ndarray], path: Path) -> None:
