@@ -14,8 +14,8 @@ from protocols.files.units import contradict, have_same_quantity
 # Words for raw numbers of a converter, an encoder or a timer, for numbers of rows, and for factors
 _RAW = (
     "adc", "adu", "bits", "cnt", "cnts", "code", "codes", "count", "counts", "digit", "digits", "dn", "hex", "imp", "impulse",
-    "inc", "incr", "increments", "index", "ink", "inkremente", "kilo", "lsb", "mega", "micro", "milli", "point", "points",
-    "pulse", "pulses", "raw", "roh", "row", "rows", "sample", "samples", "sequence", "ticks",
+    "inc", "incr", "increments", "index", "ink", "inkremente", "kilo", "lsb", "mega", "micro", "milli", "mue", "my", "point",
+    "points", "pulse", "pulses", "raw", "roh", "row", "rows", "sample", "samples", "sequence", "ticks",
 )  # fmt: skip
 # Those that stand in a line of units, and are no names of columns
 _RAW_ALONE = ("adc", "counts", "digit", "digits", "lsb", "ticks", "%fs", "% fs", "%f.s.", "%fso")

@@ -41,6 +41,7 @@ def import_in(tmp_path: Path, unit: str, column: str, entry: str) -> list[float]
         ("Counts", "torque_nm", "Nm"), ("ADC", "torque_nm", "Nm"), ("bar vac.", "pressure_bar", "bar"),
         ("E-3 Nm", "torque_nm", "Nm"), ("?Nm", "torque_nm", "Nm"), ("1000/min", "speed_rad_s", "rpm"),
         ("kNm (rms)", "torque_nm", "Nm"), ("10⁵ Pa", "pressure_bar", "Pa"),
+        ("my", "position_m", "mm"), ("æm", "position_m", "mm"),
     ],
 )  # fmt: skip
 def test_an_unknown_unit_that_says_more_than_the_map_is_refused(
