@@ -9,7 +9,7 @@ NEEDS_DATABASE = (
 _TEXT = "save its data as CSV"
 # Pattern of the first bytes -> kind of file, and remedy
 _KINDS: tuple[tuple[bytes, str, str], ...] = (
-    (rb"7z\xbc\xaf|Rar!", "an archive", "unpack it"),
+    (rb"7z\xbc\xaf|Rar!|MSCF|PK\x05\x06|PK\x07\x08|\x1f\x9d|\x04\x22\x4d\x18|\xff\x06\0\0sNaPpY", "an archive", "unpack it"),
     (rb"PK\x03\x04.{0,4000}(\[Content_Types\]|_rels/|xl/|opendocument)", "a spreadsheet", _TEXT),
     (rb"PK\x03\x04.{26,200}\.npy", "an archive of NumPy", "write its arrays into a CSV, Parquet or .mat file"),
     (rb"CDF[\x01\x02\x05]", "netCDF 3", "convert it to netCDF 4 by nccopy -k 4"),

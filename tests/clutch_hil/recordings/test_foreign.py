@@ -15,6 +15,11 @@ from tests.clutch_hil.recordings.text_files import (
 
 FOREIGN = {
     "log.tar": (b"log.csv" + bytes(250) + b"ustar\x0000" + bytes(99), "an archive of tar: unpack it"),
+    "log.7z": (b"7z\xbc\xaf\x27\x1c" + bytes(50), "an archive: unpack it"),
+    "log.Z": (b"\x1f\x9d\x90" + bytes(99), "an archive: unpack it"),
+    "log.lz4": (b"\x04\x22\x4d\x18" + bytes(99), "an archive: unpack it"),
+    "parts.zip": (b"PK\x07\x08PK\x03\x04" + bytes(99), "an archive: unpack it"),
+    "log.cab": (b"MSCF" + bytes(99), "an archive: unpack it"),
     "log.xlsx": (
         b"PK\x03\x04\x14\x00\x06\x00" + bytes(22) + b"[Content_Types].xml",
         "a spreadsheet: save its data as CSV",
