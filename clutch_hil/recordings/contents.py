@@ -66,9 +66,9 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
     """
     empty = [channel for channel in recording.channels if channel.comment == NO_VALUES]
     usable = [channel for channel in _convert_texts(recording) if channel.kind != "text" and channel not in empty]
-    clock = (
-        _find_clock(usable) or find_seconds(recording, usable[:_MOST_TRIED]) or _find_rising(usable, recording, True)
-    )
+    timed = any(channel.kind == "time" for channel in usable)
+    seconds = None if timed else find_seconds(recording, usable[:_MOST_TRIED])
+    clock = seconds or _find_clock(usable) or _find_rising(usable, recording, True)
     stated = list_stated_rates(recording.numbers, usable)
     if len(usable) < (1 if stated else 2):
         raise InputError(

@@ -54,7 +54,10 @@ def test_seconds_and_their_fractions_are_one_time(
     assert f"{first}: with the fractions of its seconds in {second!r}" in convert_run(run)
 
 
-@pytest.mark.parametrize(("first", "second"), [("ts_sec", "ts_usec"), ("header.stamp.secs", "header.stamp.usecs")])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("ts_sec", "ts_usec"), ("header.stamp.secs", "header.stamp.usecs"), ("sec", "usec"), ("s", "us")],
+)
 def test_a_draft_names_the_seconds_and_imports_as_it_is(tmp_path: Path, first: str, second: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text(make_text(first, second, SECONDS + EPOCH, REST))
