@@ -2,6 +2,7 @@
 
 import reprlib
 from collections.abc import Iterable, Mapping
+from math import inf
 from numbers import Real
 from operator import index
 from os import PathLike
@@ -30,14 +31,21 @@ def take_list(name: str, value: Any) -> list[Any]:
     return list(take_iterable(name, value))
 
 
-def take_whole(name: str, value: Any, least: int = 0) -> int:
-    """Return `value`, a Python or NumPy number, as a whole number of at least `least`. Raises InputError."""
+def take_whole(name: str, value: Any, least: float = -inf, most: float = inf) -> int:
+    """Return `value`, a Python or NumPy number, as a whole number from `least` to `most`. Raises InputError.
+
+    Without both, the caller must check the range: the message of this function would name none.
+    """
     try:
         number = None if isinstance(value, (bool, np.bool_)) else index(value)
     except TypeError:
         number = None
-    if number is None or number < least:
-        raise InputError(f"{name} is {_show(value)}; allowed are {least} and more, whole numbers")
+    if number is None or not least <= number <= most:
+        if most < inf:
+            allowed = f"allowed are {least} to {most}, whole numbers"
+        else:
+            allowed = "a whole number is needed" if least == -inf else f"allowed are {least} and more, whole numbers"
+        raise InputError(f"{name} is {_show(value)}; {allowed}")
     return number
 
 

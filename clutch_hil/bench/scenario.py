@@ -137,7 +137,7 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
 
 def check_seed(seed: Any, name: str = "seed") -> int:
     """Return `seed` if it is a valid seed of random numbers. Raises InputError."""
-    return take_whole(name, seed)
+    return take_whole(name, seed, 0)
 
 
 def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:

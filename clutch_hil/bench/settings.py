@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.arguments import take_flag, take_number, take_whole
+from clutch_hil.command import check_rate
 from plant_sim.profiles.profile import check_seconds
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.errors import InputError, suggest_closest
@@ -52,7 +53,8 @@ class RunSettings:
         values = {name: value for name, value in self.controller.items() if name not in in_file}
         if reasons := [reason for name in values if name in node.parameters and (reason := node.explain_fixed(name))]:
             raise InputError(reasons[0])
-        node.tune(values)
+        following = node.follow_contact(node.parameters.with_values(values), {*in_file, *values})
+        node.tune({**values, **following})
         return node
 
     def write_controller_file(self, folder: Path, clutch: str | None = None) -> Path | None:
@@ -83,8 +85,16 @@ class RunSettings:
 _ARGUMENTS = tuple(setting.name for setting in fields(RunSettings) if setting.name != "controller")
 
 
+def _take_rate(name: str, value: Any) -> int:
+    return check_rate(take_whole(name, value))
+
+
+def _take_seed(name: str, value: Any) -> int:
+    return take_whole(name, value, 0)
+
+
 _TAKEN: Mapping[str, Callable[[str, Any], Any]] = {
-    "rate": take_whole, "seed": take_whole, "seconds": take_number, "temperature": take_number, "adaptation": take_flag,
+    "rate": _take_rate, "seed": _take_seed, "seconds": take_number, "temperature": take_number, "adaptation": take_flag,
 }  # fmt: skip
 
 

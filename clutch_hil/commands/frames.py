@@ -30,12 +30,13 @@ def frames(
     pressure: float | None = typer.Option(
         None, help="the same for the pressure channel, in bar; 10 on the shipped one"
     ),
-    clutches: int = typer.Option(1, help="2: the bus of the power-shift rig", min=1, max=2),
+    clutches: int = typer.Option(1, help="2: the bus of the power-shift rig"),
     write: Path | None = typer.Option(None, help="DBC file to write for other tools, such as cantools"),
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """List the frames of the bus and its worst-case load. A DBC that cannot carry the bench is refused by signal and reason."""
+    from clutch_hil.bench.arguments import take_whole
     from clutch_hil.bench.progress import format_table
     from protocols.can.bus_load import (
         BITRATES,
@@ -46,13 +47,14 @@ def frames(
     )
     from protocols.can.frames import DBC, FrameCodec, OtherFrame, list_bus_frames, list_other_frames, load_frames
     from protocols.can.size import DATABASE, SHIPPED, read_guard_values, write_sized_text
-    from protocols.can.two_clutches import write_dbc_text
+    from protocols.can.two_clutches import CLUTCHES, write_dbc_text
     from protocols.can.version import VERSION_1
     from protocols.files.output_file import check_new_file, whole_file
     from rt_controller.guard.layout import check_layout
     from rt_controller.loop.node import OWN_LIMITS, load_limits, select_layout_values
 
     check_rate(rate)
+    take_whole("--clutches", clutches, 1, len(CLUTCHES))
     path = dbc or DBC
     sized = {n: v for n, v in (("torque", torque), ("speed", speed), ("pressure", pressure)) if v is not None}
     if sized:

@@ -44,9 +44,9 @@ def simulate(
     plant_parameters: Path | None = PLANT_PARAMETERS,
     controller_parameters: Path | None = CONTROLLER_PARAMETERS,
     seed: int | None = SEED,
-    seeds: int = typer.Option(1, help="number of seeds; more than one is a sweep", min=1),
+    seeds: int = typer.Option(1, help="number of seeds; more than one is a sweep"),
     vary: str | None = typer.Option(None, help="plant parameter to sweep, NAME=LOW:HIGH:COUNT"),
-    workers: int | None = typer.Option(None, help="processes of a sweep; one per CPU if not given", min=1),
+    workers: int | None = typer.Option(None, help="processes of a sweep; one per CPU if not given"),
     dask: str | None = typer.Option(None, help="Dask scheduler for a sweep, such as tcp://host:8786"),
     temperature: float | None = TEMPERATURE,
     law: str | None = LAW,
@@ -58,6 +58,7 @@ def simulate(
     json_output: bool = JSON,
 ) -> None:
     """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
+    from clutch_hil.bench.arguments import take_whole
     from clutch_hil.bench.junit import check_junit
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable_folder
@@ -65,6 +66,7 @@ def simulate(
     from clutch_hil.bench.settings import select_settings
     from clutch_hil.bench.simulate import Simulation
     from clutch_hil.bench.suite import run_one, run_suite
+    from clutch_hil.bench.sweeps.sampling import MOST_SAMPLES
     from clutch_hil.bench.sweeps.sweep import sweep_to_csv
 
     plant_parameters, controller_parameters = take_calibration(calibration, plant_parameters, controller_parameters)
@@ -73,12 +75,14 @@ def simulate(
     given = select_settings(locals())
     wanted = find_shipped_scenarios() if every else names or ()
     chosen = [choose_scenario(name, given) for name in wanted] or [choose_scenario(None, given)]
-    swept = seeds > 1 or vary is not None
+    swept = take_whole("--seeds", seeds, 1, MOST_SAMPLES) > 1 or vary is not None
     if swept and (len(chosen) > 1 or blind or junit):
         other = "--blind" if blind else "--junit" if junit else f"{len(chosen)} scenarios"
         raise InputError(f"a sweep (--seeds, --vary) cannot be combined with {other}")
-    if not swept and (workers or dask):
-        raise InputError(f"{'--workers' if workers else '--dask'} is only for a sweep; --seeds or --vary starts one")
+    if not swept and (workers is not None or dask):
+        raise InputError(
+            f"{'--dask' if workers is None else '--workers'} is only for a sweep; --seeds or --vary starts one"
+        )
     check_junit(junit, overwrite, chosen)
     with writable_folder(out), progress_bar("simulate", json_output) as progress:
         if swept:

@@ -1,7 +1,7 @@
 """The controller as a node: frames in, frames out, both checked by the guard. A cycle is one compiled call (`cycle.py`)."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from protocols.can.request import Request
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS, OFFSET, SHARED, find_other_clutch
 from protocols.can.words import make_frame_definition
 from protocols.errors import InputError
-from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
+from protocols.files.parameters import CONTROLLER, ParameterSet, list_changed, load_defaults, load_overlay
 from rt_controller.guard.allowed_limits import check_limits, check_speed
 from rt_controller.guard.layout import LAYOUT_VALUES, check_layout
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
@@ -64,6 +64,9 @@ _RISING = (
     ("phases.released_pressure", "model.contact_pressure"), ("phases.lost_pressure", "model.contact_pressure"),
     ("model.contact_pressure", "phases.fill_pressure"),
 )  # fmt: skip
+# Pressures that keep their share of the contact pressure, and one that keeps its distance, where a user changes only that
+_CONTACT, _FILL = "model.contact_pressure", "phases.fill_pressure"
+_SHARES_OF_CONTACT = ("phases.released_pressure", "phases.lost_pressure", "pressure.floor")
 INBOX = 4096  # frames in one call: more than a bus of 1 Mbit/s carries in 0.2 s
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
@@ -71,12 +74,35 @@ _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 def load_controller_parameters(changed: Path | None = None, clutch: str | None = None) -> ParameterSet:
     """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError.
 
-    clutch: a or b if there are two clutches; selects the part of a calibration.
+    The file may leave out the pressures that follow its contact pressure, see `follow_contact`. clutch: a or b if there are two
+    clutches; selects the part of a calibration.
     """
     shipped = load_defaults(PARAMETERS)
     if changed is None:
         return shipped
-    return load_overlay(changed, shipped, name_calibration_part(clutch), RIG_OF_TWO if clutch else RIG)
+    part = name_calibration_part(clutch)
+    own = load_overlay(changed, shipped, part, RIG_OF_TWO if clutch else RIG)
+    return own.with_values(follow_contact(own, list_changed(changed, part)))
+
+
+def follow_contact(parameters: ParameterSet, given: Collection[str]) -> dict[str, float]:
+    """Return the pressures that follow the contact pressure of `parameters`, by dotted name, each in its declared unit.
+
+    They keep their position relative to the contact pressure of `controller.toml`, within their bounds: an open clutch must
+    have less, a filled one more. given: names that the user set; nothing follows unless the contact pressure is one of them.
+    """
+    if _CONTACT not in given:
+        return {}
+    shipped = load_defaults(PARAMETERS)
+    contact, was = parameters[_CONTACT].value, shipped[_CONTACT].value
+    following = {name: shipped[name].value * contact / was for name in _SHARES_OF_CONTACT}
+    following[_FILL] = shipped[_FILL].value + contact - was
+    bounds = {name: parameters[name].bounds for name in following}
+    return {
+        name: min(max(value, bounds[name][0]), bounds[name][1])
+        for name, value in following.items()
+        if name not in given
+    }
 
 
 def name_calibration_part(clutch: str | None) -> str:
@@ -168,6 +194,7 @@ class ControllerNode:
     """
 
     columns = COLUMNS
+    follow_contact = staticmethod(follow_contact)
 
     def __init__(
         self,

@@ -99,6 +99,8 @@ def test_a_scenario_is_simulated_with_its_own_settings() -> None:
         ({"effects": {"internal_leakage": {"size": 1.0}}}, "effect internal_leakage has no parameter 'size'"),
         ({"effects": ""}, "effect '' is unknown"),
         ({"rate": 0}, "rate"),
+        ({"rate": -200}, "rate -200 Hz is not possible; allowed are 50 to 10000 Hz"),
+        ({"rate": 0.5}, "rate is 0.5; a whole number is needed"),
         ({"seed": -1}, "seed is -1; allowed are 0 and more, whole numbers"),
         ({"seed": 1.5}, "seed is 1.5"),
         ({"law": "both of them"}, "control law 'both of them' is unknown"),

@@ -95,7 +95,9 @@ CONTRADICTIONS = {
     "[pressure]\nslow_above = 6.0": "pressure.slow_above = 6 bar is above the guard's limit of 5 bar",
     "[phases]\nmotor_torque_limit = 60.0": "phases.motor_torque_limit = 60 Nm is above the guard's limit of 40 Nm",
     "[phases]\nfill_pressure = 2.0": "model.contact_pressure = 2.35 bar is not below phases.fill_pressure = 2 bar",
-    "[model]\ncontact_pressure = 6.0": "model.contact_pressure = 6 bar is not below phases.fill_pressure = 2.6 bar",
+    "[model]\ncontact_pressure = 6.0\n[phases]\nfill_pressure = 2.6": (
+        "model.contact_pressure = 6 bar is not below phases.fill_pressure = 2.6 bar"
+    ),
     "[phases]\nlost_pressure = 2.35": "phases.lost_pressure = 2.35 bar is not below model.contact_pressure = 2.35 bar",
     "[phases]\nreleased_pressure = 3.0": "phases.released_pressure = 3 bar is not below model.contact_pressure",
 }
@@ -108,6 +110,34 @@ def test_parameters_that_contradict_each_other_are_refused(node: ModuleType) -> 
         assert sentence in str(refused.value)
         if "is not below" in sentence:
             assert str(refused.value).endswith("would count as open while it is closed: change one of them")
+
+
+FOLLOWING = ("phases.released_pressure", "phases.lost_pressure", "pressure.floor", "phases.fill_pressure")
+
+
+def test_the_pressures_that_a_file_leaves_out_follow_its_contact_pressure(node: ModuleType) -> None:
+    shipped = node.load_controller_parameters()
+    for contact in (0.3, 1.2, 3.9, 10.0):
+        with written(f"[model]\ncontact_pressure = {contact}\n") as path:
+            own = NodeBench(node, parameters_file=path).node.parameters
+        share = contact / shipped["model.contact_pressure"].value
+        assert {name for name in shipped if own[name] != shipped[name]} == {"model.contact_pressure", *FOLLOWING}
+        for name in FOLLOWING[:3]:
+            assert own[name].value == pytest.approx(share * shipped[name].value, rel=1e-12)
+        assert own["phases.fill_pressure"].value == pytest.approx(contact + 0.25, abs=1e-12)
+
+
+def test_a_pressure_that_a_file_gives_does_not_follow(node: ModuleType) -> None:
+    given = (
+        "[model]\ncontact_pressure = 1.2\n[phases]\nlost_pressure = 0.2\n[pressure]\nfloor = 2.0\n"  # 2.0: as shipped
+    )
+    with written(given) as path:
+        own = node.load_controller_parameters(path)
+        assert [own[name].value for name in FOLLOWING[1:3]] == [0.2, 2.0]
+        assert own["phases.released_pressure"].value < 0.6
+    with written("[torque]\ndemand_limit = 12.5\n") as path:  # without a contact pressure nothing follows
+        own, shipped = node.load_controller_parameters(path), node.load_controller_parameters()
+        assert [own[name] for name in FOLLOWING] == [shipped[name] for name in FOLLOWING]
 
 
 def test_two_gears_must_differ(node: ModuleType) -> None:

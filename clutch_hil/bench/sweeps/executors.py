@@ -49,9 +49,8 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
                 raise
             cluster.shutdown()
         return
-    count = take_whole("workers", workers) if workers is not None else len(os.sched_getaffinity(0))
-    if not 1 <= count <= _MOST_WORKERS:
-        raise InputError(f"{count} workers are not possible; allowed are 1 to {_MOST_WORKERS}")
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    count = take_whole("workers", count, 1, _MOST_WORKERS)
     others = set(active_children())
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
     try:

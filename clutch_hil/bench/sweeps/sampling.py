@@ -27,7 +27,7 @@ def grid(values: Mapping[str, Iterable[float]]) -> list[Sample]:
 
 def random(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
     """Return `count` points, each value uniform in its (low, high) and independent of the others. Raises InputError."""
-    seed = take_whole("seed", seed)
+    seed = take_whole("seed", seed, 0)
     return _scale_points(ranges, count, lambda size: np.random.default_rng(seed).random((count, size)))
 
 
@@ -38,14 +38,13 @@ def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
     """
     from scipy.stats import qmc  # loading takes one second of CPU; only a sweep needs it
 
-    seed = take_whole("seed", seed)
+    seed = take_whole("seed", seed, 0)
     return _scale_points(ranges, count, lambda size: qmc.LatinHypercube(size, rng=seed).random(count))
 
 
 def _scale_points(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
     """Return samples in `ranges` from `points(number of names)`, which returns values from 0 to 1, shape (count, names)."""
-    count = take_whole("count", count, 1)
-    check_count(count)
+    count = take_whole("count", count, 1, MOST_SAMPLES)
     if not take_mapping("ranges", ranges):
         raise InputError("no ranges are given; one or more are needed, such as {'friction_level.level': (0.8, 1.2)}")
     for name, span in ranges.items():

@@ -25,6 +25,7 @@ from clutch_hil.live.live_bench import LiveBench
 from clutch_hil.live.tuning.tune import request_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
+from protocols.can.fault_text import watch_run
 from protocols.errors import InputError, InterruptionError
 from protocols.files.parameters import CONTROLLER
 from protocols.files.run import Run
@@ -215,6 +216,13 @@ def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Pat
     if interrupted:
         raise InterruptionError(f"experiment {experiment.name} was not played to its end; {path} contains a part of it")
     run = read_run(path)
-    if (fault := find_rig(run.metadata["rig"]).compute_measure("fault", run.columns)) != "none":
-        raise FaultError(f"experiment {experiment.name} ended in a fault ({fault}); {path} cannot be used")
+    rig = find_rig(run.metadata["rig"])
+    if rig.compute_measure("fault", run.columns) != "none":
+        rate, parameters = run.metadata["sample_rate_hz"], (f"{name}_parameters" for name in rig.plant.controllers)
+        watches = [
+            watch_run(run.columns, rate, run.metadata.get(name, {}), clutch)
+            for name, clutch in zip(parameters, rig.plant.controllers.values(), strict=True)
+        ]
+        faults = "; ".join(watch.first.line for watch in watches if watch.first)
+        raise FaultError(f"experiment {experiment.name} ended in a {faults}; {path} cannot be used")
     return path

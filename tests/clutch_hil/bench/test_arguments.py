@@ -23,7 +23,19 @@ def test_whole_numbers_of_numpy_are_taken(seed: Any) -> None:
 @pytest.mark.parametrize("value", [True, np.True_, 1.0, "1", None, -1, np.array([1, 2])])
 def test_what_is_no_whole_number_is_refused(value: Any) -> None:
     with pytest.raises(ch.InputError, match=r"^seed is .*; allowed are 0 and more, whole numbers$"):
-        take_whole("seed", value)
+        take_whole("seed", value, 0)
+
+
+def test_whole_numbers_name_the_whole_range_that_is_allowed() -> None:
+    for value, bounds, allowed in (
+        (0, (1, 256), "allowed are 1 to 256, whole numbers"),
+        (257, (1, 256), "allowed are 1 to 256, whole numbers"),
+        (0, (1,), "allowed are 1 and more, whole numbers"),
+        (0.5, (), "a whole number is needed"),
+    ):
+        with pytest.raises(ch.InputError, match=f"^workers is {value}; {allowed}$"):
+            take_whole("workers", value, *bounds)
+    assert take_whole("rate", -200) == -200  # the caller checks the range
 
 
 @pytest.mark.parametrize("value", [np.float32(0.5), np.float64(0.5), 0.5])

@@ -38,8 +38,7 @@ def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> Non
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("simulate", "--workers", "0"), "simulate: invalid value '0' for '--workers': allowed is 1 or more; "),
-        (("simulate", "--workers", "-1"), "simulate: invalid value '-1' for '--workers': "),
+        (("identify", "--seed", "-1"), "identify: invalid value '-1' for '--seed': allowed is 0 or more; "),
         (("simulate", "--workers", "two"), "simulate: invalid value 'two' for '--workers': "),
         (("simulate", "--workers"), "simulate: option '--workers' requires an argument; "),
         (("simulate", "--worker", "2"), "simulate: no such option: --worker"),
@@ -68,7 +67,11 @@ def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sent
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--seeds", "2", "--workers", "1000000"), "1000000 workers are not possible; allowed are 1 to 256"),
+        (("--seeds", "0"), "--seeds is 0; allowed are 1 to 1000000, whole numbers"),
+        (("--workers", "0"), "--workers is only for a sweep; --seeds or --vary starts one"),
+        (("--rate", "-200"), "rate -200 Hz is not possible; allowed are 50 to 10000 Hz"),
+        (("--seeds", "2", "--workers", "0"), "workers is 0; allowed are 1 to 256, whole numbers"),
+        (("--seeds", "2", "--workers", "1000000"), "workers is 1000000; allowed are 1 to 256, whole numbers"),
         (("--seeds", "2", "--dask", "somewhere"), "no Dask scheduler answers at somewhere: "),
         (("--seeds", "2", "--dask", "-1"), "no Dask scheduler answers at -1: "),
         (
@@ -81,7 +84,7 @@ def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sent
         ),
         (("--workers", "2"), "--workers is only for a sweep; --seeds or --vary starts one"),
         (("--dask", "tcp://127.0.0.1:1"), "--dask is only for a sweep; --seeds or --vary starts one"),
-        (("--seeds", "99999999999"), "99999999999 runs are not possible; allowed are 1 to 1000000"),
+        (("--seeds", "99999999999"), "--seeds is 99999999999; allowed are 1 to 1000000, whole numbers"),
         (("--vary", "oil.heat_transfer=1:2:0"), "range 'oil.heat_transfer=1:2:0' is not possible; COUNT must be 1 to "),
         (("--vary", "oil.heat_transfer=1:2:9999999999"), "range 'oil.heat_transfer=1:2:9999999999' is not possible; "),
         (

@@ -228,7 +228,9 @@ def test_a_course_of_another_set_is_not_lost(tmp_path: Path) -> None:
     (tmp_path / "identify_fills.csv").write_text("mine", encoding="utf-8")
     done = play_here("experiment", "identify", "--lockstep", "--out", tmp_path)
     assert done.returncode == 2
-    assert "identify_fills.csv exists already" in done.stderr
+    assert (
+        "has profiles of an earlier set: identify_fills.csv exists already; give another folder by --out" in done.stderr
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["identify_fills.csv"]
 
 
@@ -241,7 +243,8 @@ def test_a_fault_in_the_middle_keeps_the_run_before(tmp_path: Path, local_bus: s
     assert done.returncode == 2, done.stderr
     scale, stribeck = sorted((tmp_path / "runs").glob("*.parquet"))
     last = list_errors(done.stderr)[-1]
-    assert "experiment identify_stribeck ended in a fault" in last
+    assert "experiment identify_stribeck ended in a fault at " in last
+    assert ": sensor frozen: the pressure signal did not change" in last
     assert f"these runs are complete, for clutch-hil identify: {scale}" in last
     assert len(read_run(scale).columns["time_s"]) == pytest.approx(10_700, abs=50)
     assert stribeck.exists()

@@ -1,5 +1,7 @@
 """A clutch that touches below 1 bar, as a small one with weak springs does."""
 
+import pytest
+
 import clutch_hil as ch
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
@@ -12,6 +14,11 @@ CLUTCH = {
 }  # fmt: skip
 # Nm: 0.10 Nm were measured; a controller that knows its rig has 0.05 to 0.19 Nm (docs/identify_method.md)
 FOLLOWED = 0.2
+
+
+def test_a_controller_that_is_told_the_contact_alone_knows_the_pressures_of_an_open_clutch() -> None:
+    run = ch.simulate(seconds=0.1, plant=CLUTCH, controller={"model.contact_pressure": 0.8})
+    assert run.metadata["controller_parameters"]["phases.lost_pressure"] == pytest.approx(0.8 * 1.5 / 2.35, rel=1e-12)
 
 
 def test_a_controller_with_its_calibration_follows_a_torque() -> None:

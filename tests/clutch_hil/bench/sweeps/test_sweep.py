@@ -280,7 +280,7 @@ def test_cases_that_kill_every_worker_are_given_up() -> None:
         ({"samples": [{"friction_level.level": 99.0}]}, "friction_level.level"),
         ({"samples": [{"controller.no.such": 1.0}]}, "no.such"),
         ({"samples": SAMPLES, "measures": ["beauty"]}, "measure 'beauty' is unknown"),
-        ({"samples": SAMPLES, "workers": 0}, "0 workers are not possible"),
+        ({"samples": SAMPLES, "workers": 0}, "workers is 0; allowed are 1 to 256"),
         ({"samples": SAMPLES, "seeds": range(10**6)}, "runs are not possible; allowed are 1 to 1000000"),
         (
             {"samples": SAMPLES, "workers": 2, "address": "tcp://127.0.0.1:1"},
