@@ -24,7 +24,13 @@ def check_name(path: Path, what: str) -> None:
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        raise InputError(f"{what} {path} has a name that is not UTF-8 text; rename it") from None
+        try:  # Python reads names by the locale: that of C knows no letter beyond ASCII
+            os.fsencode(path).decode()
+        except UnicodeError:
+            raise InputError(f"{what} {path} has a name that is not UTF-8 text; rename it") from None
+        raise InputError(
+            f"{what} {path} has letters in its name that the locale of this shell does not know; set LC_ALL=C.UTF-8"
+        ) from None
 
 
 def check_file(path: Path, what: str, most: float = inf) -> None:

@@ -21,7 +21,7 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.disk import Disk
 from protocols.files.journal import Journal
-from protocols.files.output_file import without_new_folders
+from protocols.files.output_file import make_folder, without_new_folders
 from protocols.files.runs import RunWriter
 from protocols.input_file import check_name
 from protocols.node import Column
@@ -50,10 +50,7 @@ def make_writable(folder: Path) -> Path:
         raise InputError(
             f"{folder} would be a folder, but its name ends like that of a file; give a folder, such as {plain}"
         )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"folder {folder} cannot be made: {error.strerror}") from None
+    make_folder(folder)
     if not os.access(folder, os.W_OK):
         raise InputError(f"folder {folder} cannot be written")
     return folder

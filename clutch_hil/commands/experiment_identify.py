@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
+from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, list_changed
 
 if TYPE_CHECKING:
@@ -194,6 +195,12 @@ def _make_folder(out: Path, overwrite: bool) -> Path:
     from clutch_hil.discrepancy.experiments.identification_set import list_course_files
     from protocols.files.output_file import check_new_files
 
+    earlier = [name for name in list_course_files() if (out / name).exists()]
+    if earlier and not overwrite:
+        raise InputError(
+            f"{out} has profiles of an earlier set: {earlier[0]} exists already; give another folder by --out, or --overwrite"
+            " to replace the profiles; the runs recorded with them stay"
+        )
     check_new_files(out, list_course_files(), overwrite)
     return make_writable(out)
 

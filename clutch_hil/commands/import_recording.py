@@ -124,11 +124,10 @@ def _choose_files(recordings: Sequence[Path], folder: Path) -> dict[Path, Path]:
 @contextmanager
 def _made_folder(folder: Path) -> Iterator[None]:
     """Create a folder, and remove it again if nothing was written to it. Raises InputError."""
+    from protocols.files.output_file import make_folder
+
     missing = [one for one in (folder, *folder.parents) if not one.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"folder {folder} cannot be made: {error.strerror or error}") from None
+    make_folder(folder)
     try:
         yield
     finally:

@@ -39,6 +39,17 @@ def without_new_folders(folder: Path) -> Iterator[None]:
         raise
 
 
+def make_folder(folder: Path) -> None:
+    """Create `folder` and its parents if they are missing. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        kind = f"a link to {os.readlink(folder)}, which does not exist," if folder.is_symlink() else "a file"
+        raise InputError(f"folder {folder} cannot be made: {kind} has this name") from None
+    except OSError as error:
+        raise InputError(f"folder {folder} cannot be made: {error.strerror or error}") from None
+
+
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a path to write a file to. It is renamed to `path` at the end, removed after an exception.

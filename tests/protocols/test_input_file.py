@@ -1,6 +1,8 @@
 """Input files: what is no file, too large or no text is one sentence; nothing waits for a pipe."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -54,6 +56,14 @@ def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
     odd.write_text("text")
     with pytest.raises(InputError, match="has a name that is not UTF-8 text; rename it"):
         read_text(odd, "thing")
+
+
+def test_a_name_that_the_locale_cannot_read_is_told_with_the_locale(tmp_path: Path) -> None:
+    (tmp_path / "Prüfstand.toml").write_text("a = 1")
+    code = "import sys, pathlib, protocols.input_file as f; f.read_toml(pathlib.Path(sys.argv[1]), 'thing')"
+    words = [sys.executable, "-X", "utf8=0", "-c", code, str(tmp_path / "Prüfstand.toml")]
+    done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}, check=False)
+    assert "letters in its name that the locale of this shell does not know; set LC_ALL=C.UTF-8" in done.stderr
 
 
 @pytest.mark.parametrize("read", [read_json, read_raw, read_text, read_toml])

@@ -7,7 +7,15 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import InputError
-from protocols.files.output_file import check_new_file, check_new_files, whole_file, whole_files
+from protocols.files.output_file import check_new_file, check_new_files, make_folder, whole_file, whole_files
+
+
+def test_a_folder_whose_name_is_taken_is_told_what_has_it(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("nowhere")
+    for name, kind in (("file", "a file"), ("link", "a link to nowhere, which does not exist,")):
+        with pytest.raises(InputError, match=f"{name} cannot be made: {kind} has this name"):
+            make_folder(tmp_path / name)
 
 
 def test_a_new_name_is_free_and_stays_free(tmp_path: Path) -> None:
