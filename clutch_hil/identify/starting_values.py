@@ -86,13 +86,18 @@ def estimate_start(
     return _fit_hydraulics(model, runs, floors, hydraulic, (values, effects), timing)
 
 
+# Follows the question whether a clutch torque that keeps one value was measured
+_WITHOUT_TORQUE = "leave it out of the import map: the motor's torque takes its place, if its speed demand was recorded"
+
+
 def _describe_ends(runs: Sequence[Columns]) -> str:
     """Return a text on constant or saturated channels of voltage, pressure and torque, to be appended to a sentence."""
     sentences = []
     for name in ("valve_voltage_v", "cylinder_pressure_bar", "clutch_torque_nm"):
         size = np.abs(np.concatenate([run[name] for run in runs]))
         if np.ptp(size) == 0.0:
-            sentences.append(f"; {name} is {size[0]:.4g} throughout: was this channel connected?")
+            instead = f" if not, {_WITHOUT_TORQUE}" if name == "clutch_torque_nm" else ""
+            sentences.append(f"; {name} is {size[0]:.4g} throughout: was this channel connected?{instead}")
         elif name != "valve_voltage_v" and (rows := np.count_nonzero(size == size.max())) > _AT_END * len(size):
             sentences.append(f"; {name} is {size.max():.4g} at most, in {rows} rows: was it saturated?")
     return "".join(sentences)

@@ -40,7 +40,7 @@ from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_cha
 from clutch_hil.recordings.checks.values import find_placeholder
 from clutch_hil.recordings.foreign_column import ForeignColumn, Reading, convert_signal, find_unit, read_column
 from clutch_hil.recordings.format import list_option_keys, open_recording
-from clutch_hil.recordings.rasters import Sampling, join
+from clutch_hil.recordings.rasters import Sampling, join, refuse_empty
 from clutch_hil.recordings.split_time import find_fraction, join_fraction
 from clutch_hil.recordings.time_axis import add_times, check_rate, count_rows
 from clutch_hil.recordings.times_beside import find_times_beside, keep_rising
@@ -199,6 +199,7 @@ def _check_states(path: Path, channels: Sequence[Channel]) -> None:
 def _check_complete(path: Path, run: Mapping[str, np.ndarray]) -> None:
     for name, values in run.items():
         if len(missing := np.flatnonzero(~np.isfinite(values))):
+            refuse_empty(path, name, len(values) - len(missing))
             raise InputError(
                 f"recording {path}: {name} is not a number in row {missing[0]}, one of {len(missing)} such rows; set"
                 " resample_hz in [file]: they then count as missing, and longest_gap_s says which gaps are bridged"

@@ -207,11 +207,21 @@ def _find_pieces(file: Path, column: TimedColumn, longest_gap: float, notes: lis
     return whole
 
 
+def refuse_empty(file: Path, column: str, numbers: int) -> None:
+    """Raise InputError for a column with no numbers, as loggers write one for a sensor that was not there."""
+    if not numbers:
+        raise InputError(
+            f"recording {file}: {column} has no number in any row; if its sensor was not there, leave it out of the map"
+            " (docs/identify.md#a-missing-sensor)"
+        )
+
+
 def _remove_missing(file: Path, column: TimedColumn, notes: list[str]) -> TimedColumn:
     finite = np.isfinite(column.values)
     if finite.all():
         return column
     missing = int(np.sum(~finite))
+    refuse_empty(file, column.name, len(finite) - missing)
     if len(finite) - missing < 2:
         raise InputError(f"recording {file}: {column.name} has {len(finite) - missing} numbers; at least 2 are needed")
     notes.append(f"{column.name}: {missing} of {len(finite)} samples are not numbers, and count as missing")

@@ -25,5 +25,8 @@ def check_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:
             values = codec.unpack(data)
             if values.lifecycle != Lifecycle.FINALIZED:
                 session = f"session {values.session:04x}"
-                raise InputError(f"a second {kind} is on {port.name} ({session}); only one is allowed")
+                raise InputError(
+                    f"a second {kind} is on {port.name} ({session}); only one is allowed: give another bench another bus by"
+                    " --bus"
+                )
     return heard

@@ -76,7 +76,7 @@ class RunWriter:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open_part(path)
         except OSError as error:
-            raise InputError(f"run file {path} cannot be written: {error}") from None
+            raise InputError(f"run file {path} cannot be written: {error.strerror or error}") from None
         try:
             # few numbers of a run repeat: a dictionary makes its file larger, and slower to write and to read
             self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd", use_dictionary=False)
@@ -84,7 +84,7 @@ class RunWriter:
             self._part.unlink(missing_ok=True)
             with contextlib.suppress(OSError):  # rows that could not be written before
                 self._file.close()
-            raise InputError(f"run file {path} cannot be written: {error}") from None
+            raise InputError(f"run file {path} cannot be written: {error.strerror or error}") from None
         self._finished = False
 
     def append(self, rows: np.ndarray) -> None:
@@ -122,7 +122,7 @@ class RunWriter:
             self._disk.before_write()
             self._writer.write_table(pa.table(from_rows(self._waiting[: self._count]), schema=self._schema))
         except OSError as error:
-            self._failure = InputError(f"run file {self._path} cannot be written: {error}")
+            self._failure = InputError(f"run file {self._path} cannot be written: {error.strerror or error}")
             raise self._failure from None
         self._count = 0
 

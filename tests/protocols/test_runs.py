@@ -122,10 +122,10 @@ def test_a_run_of_which_a_row_group_is_missing_cannot_be_finished(path: Path) ->
     disk = Disk()
     with RunWriter(path, COLUMNS, disk) as writer:
         disk.before_write = be_full
-        with pytest.raises(InputError, match="No space left on device"):
+        with pytest.raises(InputError, match=r"run\.parquet cannot be written: No space left on device$"):
             writer.append(np.zeros((240_001, len(COLUMNS))))
         disk.before_write = have_no_fault
-        with pytest.raises(InputError, match="No space left on device"):
+        with pytest.raises(InputError, match=r"run\.parquet cannot be written: No space left on device$"):
             writer.finish({})
     assert not list(path.parent.iterdir())
 

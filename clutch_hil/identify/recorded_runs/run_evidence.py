@@ -24,9 +24,11 @@ from protocols.files.runs import check_columns
 # Replacements of a missing sensor. docs/identify_method.md has results without each of them
 _INSTEAD = {
     "clutch_torque_nm": "it may be missing if torque and speed demand of the motor were recorded",
+    "cylinder_pressure_bar": "nothing can replace it",
     "motor_speed_demand_rad_s": "it may be missing if the clutch torque was recorded",
     "motor_torque_nm": "it may be missing if the clutch torque was recorded",
     "oil_temperature_degc": "without that sensor, set a `constant` temperature in the import map",
+    "slip_speed_rad_s": "the derivative of an angle, or a difference of speeds, can replace it: `formula` in the import map",
     "valve_voltage_v": "only the valve's current can replace it, with `scale` in the import map",
 }
 

@@ -170,7 +170,7 @@ def find_saturated(run: Recorded) -> list[Finding]:
             continue
         for end, sign in ((values.max(), 1.0), (values.min(), -1.0)):
             at = np.flatnonzero(values == end)
-            if len(at) <= _CLIPPED * len(values):
+            if len(at) <= _CLIPPED * len(values) or len(at) <= _count_next(values, end):
                 continue
             if predicted is None:
                 saturated, why = _has_lost_noise(values, float(end)), "without its noise"
@@ -185,6 +185,16 @@ def find_saturated(run: Recorded) -> list[Finding]:
                 )
                 findings.append(Finding("saturated", name, (int(at[0]), int(at[-1])), text, not known.clips))
     return findings
+
+
+def _count_next(values: np.ndarray, end: float) -> int:
+    """Rows of `values` (n,) at the value next to their `end`.
+
+    What is beyond the end of a saturated channel is all at its end. On the coarse steps of a converter the dips of a sound one
+    come to rest there, too, but more rows are one step before it.
+    """
+    others = np.unique(values[values != end])
+    return int(np.count_nonzero(values == others[np.argmin(np.abs(others - end))]))
 
 
 def _has_lost_noise(values: np.ndarray, end: float) -> bool:

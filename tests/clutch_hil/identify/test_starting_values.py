@@ -90,6 +90,9 @@ def test_a_channel_that_was_not_connected_is_told_where_no_line_is_found() -> No
         "cylinder_pressure_bar": np.arange(999.0),
         "clutch_torque_nm": np.zeros(9),
     }
-    assert _describe_ends([sound]) == "; clutch_torque_nm is 0 throughout: was this channel connected?"
+    assert _describe_ends([sound]) == (
+        "; clutch_torque_nm is 0 throughout: was this channel connected? if not, leave it out of the import map: the motor's"
+        " torque takes its place, if its speed demand was recorded"
+    )
     dead = {**sound, "valve_voltage_v": np.ones(999), "clutch_torque_nm": np.arange(999.0)}
     assert "valve_voltage_v is 1 throughout" in _describe_ends([dead])

@@ -344,6 +344,22 @@ def test_a_number_too_large_to_compute_with_is_refused_by_row(tmp_path: Path) ->
         load_map(str(map_file)).read(path)
 
 
+@pytest.mark.parametrize("file", ["", "[file]\nresample_hz = 100.0\n"])
+def test_a_column_without_any_number_is_told_as_a_missing_sensor(tmp_path: Path, file: str) -> None:
+    """A logger writes a column for a sensor that was not there."""
+    path, map_file = tmp_path / "a.csv", tmp_path / "a.toml"
+    path.write_text("\n".join(["time,pos,force", *(f"{0.01 * k:.2f},{0.1 * k:.1f},nan" for k in range(100))]))
+    columns = (("time_s", "time"), ("position_m", "pos"), ("force_n", "force"))
+    map_file.write_text(
+        f"{file}[columns]\n"
+        + "".join(f'{ours} = {{ from = "{name}", unit = "{ours[-1]}" }}\n' for ours, name in columns).replace(
+            '"n"', '"N"'
+        )
+    )
+    with pytest.raises(InputError, match=r"force_n has no number in any row; .* leave it out of the map"):
+        load_map(str(map_file)).read_runs(path)
+
+
 def test_samples_that_are_no_numbers_are_told_with_the_way_out(tmp_path: Path) -> None:
     path, map_file = tmp_path / "a.csv", tmp_path / "a.toml"
     rows = [f"{0.01 * k:.2f},{'nan' if 40 <= k < 60 else 0.1 * k}" for k in range(100)]

@@ -167,6 +167,15 @@ def test_a_sound_run_says_nothing() -> None:
     assert check_run(SOUND) == []
 
 
+def test_dips_that_the_steps_of_a_converter_cut_are_not_called_saturated() -> None:
+    """The slip of a small clutch was: its dips, after each step of the pressure, were five counts of the encoder."""
+    dips = -6.0 * np.exp(-5.0 * (TIME % 1.0))
+    assert np.mean(np.round(dips) == -6.0) > 0.015
+    assert not [one for one in check_run(np.round(dips), predicted=2.0 * dips) if one.check == "saturated"]
+    cut = np.maximum(np.round(dips), -3.0)
+    assert [one for one in check_run(cut, predicted=2.0 * dips) if one.check == "saturated"]
+
+
 def test_a_saturated_channel_that_discovery_can_name_is_only_told() -> None:
     (saturated,) = check_run(np.clip(SOUND, -1.5, 1.5), clips=True)[:1]
     assert (saturated.check, saturated.hard) == ("saturated", False)
