@@ -9,6 +9,12 @@ from clutch_hil.fitting.noise import pool_noise
 from clutch_hil.identify.joint_fit import GOOD_FIT
 from protocols.errors import join_names
 
+# Rows of every cycle are taken for a logger's where there is no angle that shows the slip of each
+LOGGED = (
+    "The low rate of a logger alone can cause this: log every cycle of the loop. If these rows are every cycle, but have no"
+    " angle of an encoder, give them one by a formula (docs/identify.md#a-missing-sensor)."
+)
+
 
 def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged: bool = False) -> list[str]:
     """Return a warning if residuals of outputs are above their noise. misfit: root mean square residual over noise, by output.
@@ -21,7 +27,7 @@ def warn_misfit(misfit: Mapping[str, float], hardly: Sequence[str] = (), logged:
     who = "The model or the recording"
     if hardly:
         who = f"Hardly excited parameters differ more than assumed ({join_names(hardly)}), or the model or recording"
-    rows = "The low rate of a logger alone can cause this: log every cycle of the loop. Otherwise " if logged else ""
+    rows = f"{LOGGED} Otherwise " if logged else ""
     who = f"{rows}{who[0].lower()}{who[1:]}" if rows else who
     return [
         f"outputs left above their noise: {join_names(above)}; usual is {GOOD_FIT:g} at most. {who} lacks something, and the"

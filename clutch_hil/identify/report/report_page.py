@@ -11,6 +11,7 @@ from clutch_hil.bench.rig import find_rig
 from clutch_hil.identify.calibration import Calibration, Identified
 from clutch_hil.identify.identification import Identification
 from clutch_hil.identify.joint_fit import GOOD_FIT
+from clutch_hil.identify.misfit import LOGGED
 from clutch_hil.identify.report.quantity_pictures import MAPS_HEIGHT, RESPONSE_HEIGHT, plot_maps, plot_response
 from clutch_hil.identify.report.report_pictures import FAR, draw_correlation, draw_fit, draw_parameters
 from clutch_hil.identify.two_clutches.hand_over import HAND_OVER
@@ -61,7 +62,7 @@ def make_verdict_sentence(identification: Identification) -> str:
     what = f"{format_count(count, 'parameter')} identified"
     if identification.misfit[column] > GOOD_FIT:
         logged = any(finding.check == "logged" for finding in identification.findings)
-        rows = " The low rate of a logger alone can cause this: log every cycle of the loop." if logged else ""
+        rows = f" {LOGGED}" if logged else ""
         return (
             f"{what}, but the model does not explain the runs: {fit}.{rows} Look for missing physics with clutch-hil"
             " discrepancy."

@@ -26,7 +26,7 @@ def name_unit(run: Recorded, known: Knowledge, scale: float) -> str:
     ]
     asked = " or ".join([*_list_units(known.unit, scale)[:2], *of_inputs[:2]])
     asked = f"{asked}? set its unit in the import map" if asked else "check its unit and gain, and those of the inputs"
-    return f"{asked}, or give the model of your rig"
+    return f"{asked}, or give the model of your rig{run.of_unknown_rig}"
 
 
 def name_own_unit(known: Knowledge, scale: float) -> str:

@@ -67,10 +67,15 @@ def test_every_altered_channel_is_told(make) -> None:
     }  # fmt: skip
 
 
-def test_an_offset_of_a_rig_that_can_be_identified_names_the_command() -> None:
+@pytest.mark.parametrize(("check", "factor", "offset"), [("offset", 1.0, 12.0), ("scale", 0.1, 0.0)])
+def test_another_size_or_zero_of_a_rig_that_can_be_identified_names_the_command(
+    check: str, factor: float, offset: float
+) -> None:
     case = make_wet_clutch()
-    runs = {name: run | {"clutch_torque_nm": run["clutch_torque_nm"] + 12.0} for name, run in case.runs.items()}
-    sentence = [str(one) for one in check_evidence(case.model, runs) if one.check == "offset"]
+    runs = {
+        name: run | {"clutch_torque_nm": factor * run["clutch_torque_nm"] + offset} for name, run in case.runs.items()
+    }
+    sentence = [str(one) for one in check_evidence(case.model, runs) if one.check == check]
     assert sentence
     assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in sentence)
 

@@ -116,8 +116,8 @@ def test_what_is_left_above_the_noise_is_told_by_output() -> None:
     assert warn_misfit({"clutch_torque_nm": 1.0}) == []
     (sentence,) = warn_misfit({"clutch_torque_nm": 1.31}, logged=True)
     assert (
-        "The low rate of a logger alone can cause this: log every cycle of the loop. Otherwise the model or the recording"
-        in sentence
+        "log every cycle of the loop. If these rows are every cycle, but have no angle of an encoder, give them one by a"
+        " formula (docs/identify.md#a-missing-sensor). Otherwise the model or the recording" in sentence
     )
     (sentence,) = warn_misfit({"clutch_torque_nm": 2.0}, ["oil.heat_transfer", "clutch.attraction"])
     assert (
