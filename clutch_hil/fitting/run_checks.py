@@ -46,7 +46,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
     # from all runs together, because an output that is constant in one run has no noise there
     floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.list_limits() if isinstance(model, Ranged) else {}
-    identification = model.identification if isinstance(model, Identifiable) else ""
+    identification = model.identification if isinstance(model, Identifiable) and not _is_calibrated(model) else ""
     latitude, clipped = _find_latitude(model), _list_clipped_columns(model)
     seen: list[Finding] = []
     recorded = []
@@ -205,6 +205,12 @@ def _find_latitude(model: Model) -> float:
         if p.uncertainty > 0.0 and p.value != 0.0 and name.partition(".")[0] not in catalogue()
     ]
     return min(1.0 + _STANDARD_DEVIATIONS * find_calibration(model) * max(shares, default=0.0), _MOST_LATITUDE)
+
+
+def _is_calibrated(model: Model) -> bool:
+    """Return whether the baseline of `model` is that of a calibration or a file of parameters, not the nominal one."""
+    nominal = model.list_nominal_parameters() if hasattr(model, "list_nominal_parameters") else {}
+    return any(nominal[name].value != one.value for name, one in model.parameters.items() if name in nominal)
 
 
 def _list_clipped_columns(model: Model) -> set[str]:

@@ -80,6 +80,15 @@ def test_another_size_or_zero_of_a_rig_that_can_be_identified_names_the_command(
     assert all("of a rig that nobody has calibrated: clutch-hil identify RUN..." in one for one in sentence)
 
 
+def test_a_rig_with_a_calibration_is_not_said_to_have_none() -> None:
+    case = make_wet_clutch()
+    model = WetClutch(WetClutch.list_nominal_parameters().with_values({"motor.inertia": 0.051}))
+    runs = {name: run | {"clutch_torque_nm": 0.1 * run["clutch_torque_nm"]} for name, run in case.runs.items()}
+    sentence = [str(one) for one in check_evidence(model, runs) if one.check == "scale"]
+    assert sentence
+    assert not [one for one in sentence if "nobody has calibrated" in one]
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_real_fault_of_a_sensor_is_not_refused(fault: str) -> None:
     fitted, held_out = make_short_case(FAULTS[fault])
