@@ -235,6 +235,7 @@ class Demand:
             verdict = str(self._lock)
         elif not figures:
             verdict = f"not reached: no demand was held for {_SETTLING_TIME:g} s"
+            verdict += "" if interrupted else "; it needs more --seconds, or a steeper --ramp of a torque or a pressure"
         else:
             verdict = f"reached, {figures}" if good else f"not reached, {figures}{answer.describe_clutch()}"
         if interrupted:

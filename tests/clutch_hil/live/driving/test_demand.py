@@ -141,6 +141,13 @@ def test_a_clutch_locks_and_is_released(bench: Running) -> None:
     assert witness.list_requests() == [IDLE, LOCK, RELEASE, IDLE]
 
 
+def test_a_demand_whose_ramp_outlasts_it_is_told_what_it_needs(bench: Running) -> None:
+    done = run_demand(bench.bus, "20", "--ramp", "2", "--seconds", "1", "--json")
+    assert done.exit_code == 1
+    verdict = json.loads(done.stdout)["verdict"]
+    assert verdict.startswith("not reached: no demand was held for 0.5 s; it needs more --seconds, or a steeper --ramp")
+
+
 def test_what_the_clutch_did_is_told_of_a_demand_that_is_not_reached(bench: Running) -> None:
     """A pressure below the least one that the controller follows."""
     done = run_demand(bench.bus, "--pressure", "1", "--seconds", "1.5", "--json")
