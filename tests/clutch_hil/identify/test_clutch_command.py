@@ -99,7 +99,9 @@ def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: l
 @pytest.mark.parametrize(
     ("column", "instead"),
     [
+        ("cylinder_pressure_bar", "nothing can replace it"),
         ("oil_temperature_degc", "a `constant` temperature"),
+        ("slip_speed_rad_s", "a difference of speeds, can replace it"),
         ("valve_voltage_v", "the valve's current"),
     ],
 )
