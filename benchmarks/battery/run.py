@@ -21,7 +21,7 @@ from pathlib import Path
 from benchmarks.battery import judgement
 from benchmarks.battery.cases import FAMILIES, Case, list_cases
 from benchmarks.battery.score import Answer
-from benchmarks.battery.validity import hash_content, is_valid
+from benchmarks.battery.validity import format_engine_name, hash_content, is_valid
 from clutch_hil.bench.sweeps.executors import compute
 from protocols.files.output_file import whole_file
 
@@ -154,7 +154,7 @@ def run_cases(
     with _set_worker_threads(threads):
         workers = None if address else min(jobs or cores, len(missing))
         for _, answer in compute(Judging(judge, threads), missing, workers, address):
-            answer["content"] = hash_content(answer["case"])
+            answer |= {"content": hash_content(answer["case"]), "engine": format_engine_name()}
             cache.write(answer)
             yield answer
 

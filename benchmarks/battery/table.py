@@ -165,6 +165,8 @@ def _describe_run(answers: Sequence[Answer], split: str, engine: str) -> list[st
         f"Written on {date.today().isoformat()} at commit {commit} from the answers of {engine}, with {packages},",
         f"Python {platform.python_version()}.", "",
     ]  # fmt: skip
+    if earlier := sum(answer.get("engine") != engine for answer in answers):
+        lines += [f"**{earlier} of these {len(answers)} answers are of an earlier version of the engine.**", ""]
     counts = [
         (name, str(sum(find_family(t) == name for t in answers)), str(sum(c.family == name for c in whole)))
         for name in FAMILIES

@@ -203,6 +203,14 @@ def test_the_page_says_which_part_was_run(tmp_path: Path):
     assert min(confusion.stat().st_size, calibration.stat().st_size) > 5000
 
 
+def test_the_page_tells_answers_of_an_earlier_engine(tmp_path: Path):
+    answers = [make_answer(SINGLE, (SEAL,)) | {"engine": f"engine-{number}"} for number in (4, 5, 5)]
+    table.write_page(answers, "development", tmp_path, "engine-5")
+    assert "**1 of these 3 answers are of an earlier version" in (tmp_path / "battery.md").read_text(encoding="utf-8")
+    table.write_page(answers[1:], "development", tmp_path, "engine-5")
+    assert "earlier version" not in (tmp_path / "battery.md").read_text(encoding="utf-8")
+
+
 def test_the_page_names_candidates_that_no_case_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A new candidate, without a law in the truth yet, is named in an answer: the page and its picture are still made."""
     monkeypatch.setattr(table, "CATALOGUE_LAWS", [law for law in table.CATALOGUE_LAWS if law.name != SEAL])
