@@ -41,3 +41,12 @@ def make_run_metadata(
         "injections": [dict(injection) for injection in injections],
         **{f"{name}_parameters": dict(values) for name, values in controllers.items()},
     }
+
+
+def list_injection_times(metadata: Mapping[str, Any]) -> list[float]:
+    """Return the times [s] at which parameters were injected, each once; [] for metadata of another program that has none."""
+    try:
+        rate = float(metadata["sample_rate_hz"])
+        return sorted({float(change["row"]) / rate for change in metadata.get("injections", ())})
+    except (LookupError, TypeError, ValueError, ZeroDivisionError):
+        return []

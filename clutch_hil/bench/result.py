@@ -13,6 +13,7 @@ from clutch_hil.bench.judgement.calibration_check import describe_failed_fill, d
 from clutch_hil.bench.judgement.following import REACHED_SHARE, Following
 from clutch_hil.bench.judgement.measures import MEASURES, find_highest_demand, measure_following
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
+from clutch_hil.bench.metadata import list_injection_times
 from clutch_hil.bench.pictures.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import format_service
@@ -139,7 +140,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     lines += [f"         {picture}", *format_timing(timing or {})]
     if on := run.metadata.get("effects"):
         lines.append(f"effects: {', '.join(on)}")
-    if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
+    if injected := list_injection_times(run.metadata):
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
     lines += format_bench_faults(run.metadata)
     if requests := run.metadata.get("requests"):

@@ -10,6 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from clutch_hil.bench.arguments import take_list, take_run
+from clutch_hil.bench.metadata import list_injection_times
 from clutch_hil.bench.pictures import palette
 from clutch_hil.bench.rig import find_rig_of_run
 from protocols.errors import InputError, suggest_closest
@@ -30,15 +31,8 @@ def draw_run(run: Run, title: str = "") -> Figure:
     rig = find_rig_of_run(run)
     if len(run.columns.get("time_s", ())) == 1:
         raise InputError("the run has 1 sample; 2 or more are needed to draw it")
-    try:
-        injected = [
-            float(change["row"]) / float(run.metadata["sample_rate_hz"])
-            for change in run.metadata.get("injections", ())
-        ]
-    except (LookupError, TypeError, ValueError, ZeroDivisionError):  # metadata written by another program
-        injected = []
     columns = {name: np.where(np.isinf(values), np.nan, values) for name, values in run.columns.items()}
-    figure: Figure = rig.make_sheet(columns, title, injected).finish()
+    figure: Figure = rig.make_sheet(columns, title, list_injection_times(run.metadata)).finish()
     return figure
 
 
