@@ -31,10 +31,10 @@ def take_list(name: str, value: Any) -> list[Any]:
     return list(take_iterable(name, value))
 
 
-def take_whole(name: str, value: Any, least: float = -inf, most: float = inf) -> int:
+def take_whole(name: str, value: Any, least: float, most: float = inf) -> int:
     """Return `value`, a Python or NumPy number, as a whole number from `least` to `most`. Raises InputError.
 
-    Without both, the caller must check the range: the message of this function would name none.
+    With -inf as `least` the caller checks the range: the message of this function names none.
     """
     try:
         number = None if isinstance(value, (bool, np.bool_)) else index(value)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ _ARGUMENTS = tuple(setting.name for setting in fields(RunSettings) if setting.na
 
 
 def _take_rate(name: str, value: Any) -> int:
-    return check_rate(take_whole(name, value))
+    return check_rate(take_whole(name, value, -inf))
 
 
 def _take_seed(name: str, value: Any) -> int:

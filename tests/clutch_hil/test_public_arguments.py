@@ -135,7 +135,7 @@ PROPOSED = {"profile": "crawl", "settings": [60.0, 1000]}
         (lambda: ch.identify_friction(SLIDE, "gms", terms="drag"), "term 'drag' is unknown"),
         (lambda: ch.read_friction(None), "path is None; the path of a file is needed"),
         (lambda: ch.write_run(SLIDE, 5), "path of a run to be written is 5"),
-        (lambda: ch.play_experiment("crawl-45", rate="fast"), "rate is 'fast'; allowed are 0 and more, whole numbers"),
+        (lambda: ch.play_experiment("crawl-45", rate="fast"), "rate is 'fast'; a whole number is needed"),
         (lambda: ch.play_experiment(PROPOSED), "settings of the experiment are [60.0, 1000]"),
     ],
 )  # fmt: skip

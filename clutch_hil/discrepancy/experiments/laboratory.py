@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
@@ -149,7 +150,7 @@ def play_experiment(
     named = find(experiment) if isinstance(experiment, str) else read_proposal("the result", experiment)
     settings = {"plant_parameters": plant_parameters, "seed": seed}
     under_test = compose_scenario(scenario, settings, plant, effects=effects)
-    played = named.with_rate(None if rate is None else check_rate(take_whole("rate", rate)))
+    played = named.with_rate(None if rate is None else check_rate(take_whole("rate", rate, -inf)))
     if isinstance(experiment, str):
         played = played.fit_to_contact(find_contact(under_test))
     with (

@@ -79,7 +79,7 @@ def identify_friction(
     for name, value in (("low-pass", low_pass), ("rate", rate)):
         if not 0.0 <= value < np.inf:
             raise InputError(f"{name} is {value:g} Hz; allowed is 0 or more")
-    starts, seed, rig = take_whole("number of starts", starts, 1), take_whole("seed", seed), take_name("rig", rig)
+    starts, seed, rig = take_whole("number of starts", starts, 1), take_whole("seed", seed, 0), take_name("rig", rig)
     elements = None if elements is None else take_whole("number of elements", elements, 1)
     terms = None if terms is None else [take_name("terms", term) for term in take_list("terms", terms)]
     sampling = Sampling(low_pass, rate, low_pass_name="low-pass")
