@@ -60,7 +60,10 @@ def main(
             f"no case of the split {split} suits {asked}; the names of cases are FAMILY/EFFECTS/SEVERITY/NOISE/SEED"
         )
     folder = out / format_engine_name()
-    cache = Cache(folder / "cases", read_kept_answers(folder.name))
+    kept = read_kept_answers(folder.name)
+    if not done:  # answers of an earlier engine are on the page until their cases are run again
+        kept = {name: answer for name, answer in kept.items() if answer.get("engine") == folder.name}
+    cache = Cache(folder / "cases", kept)
     if done:
         names = [name for name in names if cache.read(name)]
         if not names:
