@@ -89,14 +89,13 @@ def follow_contact(parameters: ParameterSet, given: Collection[str]) -> dict[str
     """Return the pressures that follow the contact pressure of `parameters`, by dotted name, each in its declared unit.
 
     They keep their position relative to the contact pressure of `controller.toml`, within their bounds: an open clutch must
-    have less, a filled one more. given: names that the user set; nothing follows unless the contact pressure is one of them.
+    have less, a filled one more. given: names that the user set, which do not follow.
     """
-    if _CONTACT not in given:
-        return {}
     shipped = load_defaults(PARAMETERS)
     contact, was = parameters[_CONTACT].value, shipped[_CONTACT].value
-    following = {name: shipped[name].value * contact / was for name in _SHARES_OF_CONTACT}
-    following[_FILL] = shipped[_FILL].value + contact - was
+    share, more = contact / was, contact - was  # exactly 1 and 0 with the shipped contact pressure
+    following = {name: shipped[name].value * share for name in _SHARES_OF_CONTACT}
+    following[_FILL] = shipped[_FILL].value + more
     bounds = {name: parameters[name].bounds for name in following}
     return {
         name: min(max(value, bounds[name][0]), bounds[name][1])
