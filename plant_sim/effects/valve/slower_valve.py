@@ -1,10 +1,11 @@
-"""A valve with another natural frequency or damping, or a lag before it.
+"""A valve with a lower natural frequency or more damping, or a lag before it.
 
-What            cold or thick oil, a weak amplifier or a worn solenoid make the valve slower (or a better one faster)
+What            cold or thick oil, a weak amplifier or a worn solenoid make the valve slower
 Equation        p_v'' + 2 (d zeta) (r w) p_v' + (r w)^2 p_v = (r w)^2 i,  tau i' = u - i
 Assumptions     the same for large and small steps; when the effect is switched on, the current is that of the valve's present
                 pressure
-Valid range     r 0.1..3, d 1..5, tau 0..50 ms
+Valid range     r 0.1..1, d 1..5, tau 0..50 ms
+                A faster valve is another valve.frequency: with r above 1, a greater damping and a lag would imitate each other
 Not modelled    limited slew rate; dependence on temperature (oil_viscosity has that of the line)
 References      Merritt 1967, Hydraulic Control Systems; Watton 2009, Fundamentals of Fluid Power Control (valves as
                 second-order systems; the amplifier's current loop as a lag before them)
@@ -37,7 +38,7 @@ EFFECT = Effect(
     laws={RIG: slow, COMMAND: follow},
     parameters=(
         Strength(
-            "ratio", "1", off=1.0, typical=0.9, bounds=(0.1, 3.0),
+            "ratio", "1", off=1.0, typical=0.9, bounds=(0.1, 1.0),
             source="[D] 10 % between valves of one type: 4 ms more of lag",
         ),
         Strength(
