@@ -121,8 +121,8 @@ def compose_page(
     done = [answer for answer in answers if "error" not in answer]
     parts = [
         "# The battery", "",
-        "How often the discrepancy workflow finds the effect that is hidden in a case. The truth of the cases comes from other",
-        "laws than the catalogue's and from another solver. `benchmarks/battery/score.py` defines each measure, and",
+        "How often the discrepancy workflow finds the effect that is hidden in a case. The truth of the cases has laws of its",
+        "own, most of them unlike the catalogue's, and another solver. `benchmarks/battery/score.py` defines each measure, and",
         "`benchmarks/battery/cases.py` the cases. Words are in the [glossary](glossary.md#the-battery). Written by",
         "`python -m benchmarks.battery --split " + split + " --docs docs`.", "",
         *_list_candidates_without_law(load_effects().values()), *_describe_run(answers, split, engine), "",

@@ -46,8 +46,8 @@ def leakage_flow(p, kelvin, e, v):
     """Return the internal leakage flow [m^3/s].
 
     First law: orifice, square root of the pressure, rounded below 0.2 bar. Second law: laminar gap, flow over viscosity, which
-    falls with temperature (Merritt 1967, ch. 3). The catalogue has a laminar gap of constant viscosity. Strength: flow over
-    pressure at 3.4 bar and 70 degC [m^3/(s Pa)].
+    falls with temperature (Merritt 1967, ch. 3). The catalogue has the second law since version 5 of the engine. Strength:
+    flow over pressure at 3.4 bar and 70 degC [m^3/(s Pa)].
     """
     if e.internal_leakage == 0.0:
         return 0.0

@@ -110,6 +110,8 @@ def distort_torque(torque, kelvin, time, e, v):
 def saturate(voltage, limit_inverse):
     """Return the voltage [V] that saturates softly: V (1 + |V/L|^12)^(-1/12), which is 6 % below L at V = L.
 
+    The catalogue has an exponential bend.
+
     limit_inverse: 1/L [1/V]; 0 is off.
     """
     if limit_inverse == 0.0:

@@ -34,7 +34,8 @@ def apply_gain_error(demand, time, c, e, v):
     """Return the demand [Pa] with a gain error of the valve.
 
     First law: a tenth of the error is curvature about 3.4 bar. Second law: the error grows as the coil warms, 10 s
-    (Jelali & Kroll 2003). The catalogue has a constant factor. Strength: relative error of the gain [-].
+    (Jelali & Kroll 2003). The catalogue has a constant factor and one that drifts evenly. Strength: relative error of the
+    gain [-].
     """
     error = e.valve_gain
     if v.valve_gain == 0.0:
@@ -160,8 +161,8 @@ def lag_chain(value, delay, stages, h, past):
 def lag_amplifier(demand, h, e, v, w):
     """Return the demand [Pa] behind a slower valve. First law: a lag of amplifier and coil (Watton 2009).
 
-    Second law: `spool_damping`. The catalogue lowers the natural frequency, or has such a lag. Strength: lag [s]; for the
-    second law 20 ms per unit of relative damping.
+    Second law: `spool_damping`. The catalogue has a lower natural frequency, such a lag and, since version 5 of the engine,
+    such a damping. Strength: lag [s]; for the second law 20 ms per unit of relative damping.
     """
     if e.slower_valve == 0.0 or v.slower_valve != 0.0:
         return demand
