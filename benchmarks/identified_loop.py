@@ -12,7 +12,7 @@ import clutch_hil as ch
 from clutch_hil.bench.judgement.calibration_check import describe_mismatch
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 WORSE = 1.2  # allowed regime error over that of a controller that knows the rig: issue 31
 NO_FAULT = "none"

@@ -22,7 +22,7 @@ from clutch_hil.identify.calibration import Calibration
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import power_shift
 from protocols.can.two_clutches import CLUTCHES
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 WORSE = 1.2  # ratio to controllers that know the rig: as issue 31 allows for the regime error of one clutch
 _ADDED = {"torque_gap": 0.01, "torque_peak": 0.01, "shift_time_s": 0.02}  # differences within sensor noise

@@ -30,7 +30,7 @@ from protocols.telemetry.batch import BatchEncoder, decode
 from protocols.telemetry.message import check_description, check_event, check_request, parse_message
 from protocols.telemetry.tuning import describe_parameters
 from rt_controller.guard.allowed_limits import check_limits
-from rt_controller.loop.node import LIMITS, load_controller_parameters
+from rt_controller.loop.parameter_sets import LIMITS, load_controller_parameters
 
 _SAMPLES = 300  # of a run
 _CYCLES = 20  # control cycles simulated with accepted parameters

@@ -20,7 +20,8 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile
 from plant_sim.rigs import wet_clutch
 from rt_controller.law.clutch_state import ClutchState
-from rt_controller.loop.node import ControllerNode, load_controller_parameters
+from rt_controller.loop.node import ControllerNode
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 # Allowed error of the torque estimate: the larger of the two, except for TRANSIENT after a zero crossing of the slip or a touch
 ERROR, SHARE = 0.5, 0.05  # Nm, 1

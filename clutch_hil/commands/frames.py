@@ -51,7 +51,7 @@ def frames(
     from protocols.can.version import VERSION_1
     from protocols.files.output_file import check_new_file, whole_file
     from rt_controller.guard.layout import check_layout
-    from rt_controller.loop.node import OWN_LIMITS, load_limits, select_layout_values
+    from rt_controller.loop.parameter_sets import OWN_LIMITS, load_limits, select_layout_values
 
     check_rate(rate)
     take_whole("--clutches", clutches, 1, len(CLUTCHES))

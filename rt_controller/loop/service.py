@@ -24,7 +24,8 @@ from protocols.realtime.stopping import Stop
 from protocols.realtime.waiting import check_spin, choose_waiting
 from protocols.telemetry.lab import read_bench_lab
 from protocols.telemetry.outlet import Outlet
-from rt_controller.loop.node import COLUMNS, ControllerNode, load_shipped_parameters
+from rt_controller.loop.node import COLUMNS, ControllerNode
+from rt_controller.loop.parameter_sets import load_shipped_parameters
 from rt_controller.loop.samples import Samples, estimate_usual_arrival
 from rt_controller.loop.trigger import Trigger, find_trigger
 from rt_controller.loop.turn import Turn, warm

@@ -100,8 +100,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "target = s_n if slip > 0.0 else -s_n: column 20: Gt to GtE": "a slip of 0 has been answered before",
     },
     "node": {
-        "if not os.environ.get(OWN_LIMITS):: column 4: condition to False": "limits as shipped change nothing: slower",
-        "return own: column 8: deleted": "as above",
         "_NO_FRAME = -1: column 13: 1 to 2": _NONE,
         "PHASE_SETTINGS, {name: (phases | contact)[name] for name in PHASE_SETTINGS.names or ()}:"
         " column 72: operand 1 dropped": _NAMED,

@@ -62,6 +62,7 @@ SUBJECTS = {
             "rt_controller.loop.node", "node",
             tuple(f"rt_controller/test_{name}.py" for name in ("exit", "node_beginning", "node_calls", "own_limits")),
         ),
+        Subject("rt_controller.loop.parameter_sets", "parameter_sets", ("rt_controller/test_parameter_sets.py",)),
         Subject(
             "rt_controller.loop.service", "service",
             tuple(f"rt_controller/test_{part}.py" for part in ("safe_commands", "service_run", "service_loops")),

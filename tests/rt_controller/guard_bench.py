@@ -11,7 +11,7 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 from protocols.can.frames import DBC
 from protocols.files.parameters import load_defaults
 from rt_controller.law.record import make_record
-from rt_controller.loop.node import LIMITS
+from rt_controller.loop.parameter_sets import LIMITS
 
 PERIOD = 1e-3  # s
 STALE, CONFIRM = 5, 3  # cycles, samples: limits.toml

@@ -7,12 +7,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
 from protocols.can.frame_batch import unload
 from protocols.can.frames import Frame
 from protocols.files.parameters import load_defaults
+from rt_controller.loop import parameter_sets
 
 _load_once = cache(load_defaults)  # a node reads two files, which do not change
 
@@ -35,11 +37,10 @@ class NodeBench:
 
     def __init__(self, module: ModuleType, *arguments: Any, **named: Any) -> None:
         self.calls, self.result, self.refusal = list[Call](), 0, 0
-        for name, made_up in {
-            "run_cycle": self._run_cycle, "receive_before_start": self._receive, "load_defaults": _load_once,
-        }.items():  # fmt: skip
+        for name, made_up in {"run_cycle": self._run_cycle, "receive_before_start": self._receive}.items():
             setattr(module, name, made_up)
-        self.node: Any = module.ControllerNode(*arguments, **named)
+        with patch.object(parameter_sets, "load_defaults", _load_once):
+            self.node: Any = module.ControllerNode(*arguments, **named)
         self.beginning, self.calls = self.calls, []
         self.state, self.settings = (one.view(np.recarray)[0] for one in (self.node.states, self.node.settings))
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rt_controller.law.adaptation import ADAPTATION, ADAPTATION_SETTINGS, INITIAL_ADAPTATION, TEMPERATURE_NODES, adapt
 from rt_controller.law.record import make_record
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 STEP = 1e-3  # s
 COULOMB, VISCOUS = 9.7, 7.0  # Nm, at about 3.4 bar and 20 rad/s

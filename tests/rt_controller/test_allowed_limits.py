@@ -9,7 +9,7 @@ import pytest
 import rt_controller.guard.allowed_limits
 from protocols.errors import InputError
 from protocols.files.parameters import load_defaults
-from rt_controller.loop.node import LIMITS
+from rt_controller.loop.parameter_sets import LIMITS
 
 SHIPPED = {name: (one.value, one.unit, one.bounds) for name, one in load_defaults(LIMITS).items()}
 

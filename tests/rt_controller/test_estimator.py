@@ -18,7 +18,7 @@ from rt_controller.law.estimator import MODEL as LAYOUT
 from rt_controller.law.estimator import friction_state, plate_pressure, viscosity_ratio
 from rt_controller.law.feedforward import inverse_model
 from rt_controller.law.record import make_record
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 BAR, KELVIN = 1e5, 273.15
 PARITY = 1e-12  # relative to 1 or to the value: rounding of two orders of operation, no more

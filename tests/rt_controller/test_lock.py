@@ -7,7 +7,7 @@ import pytest
 from rt_controller.law.estimator import MODEL, coulomb_torque
 from rt_controller.law.lock import LOCK_SETTINGS, hold, motor_limit
 from rt_controller.law.record import make_record
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 STEP = 1e-3  # s
 EULER = 1e-3  # relative: steps of a thousandth of the time constant

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rt_controller.law.slip import observe
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 BANDWIDTH = load_controller_parameters()["slip.bandwidth"].si
 COUNT = 2 * pi / 163840  # rad

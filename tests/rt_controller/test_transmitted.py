@@ -9,7 +9,7 @@ from rt_controller.law.estimator import coulomb_torque
 from rt_controller.law.record import make_record
 from rt_controller.law.sample import SAMPLE
 from rt_controller.law.transmitted import TORQUE_SETTINGS, estimate, make_torque_at_rest, make_torque_settings
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 BAR, CELSIUS = 1e5, 273.15
 STEP = 1e-3  # s

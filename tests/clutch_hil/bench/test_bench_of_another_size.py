@@ -13,7 +13,7 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
 from protocols.can.size import DATABASE, read_guard_values, write_sized_text
-from rt_controller.loop.node import OWN_LIMITS, load_controller_parameters
+from rt_controller.loop.parameter_sets import OWN_LIMITS, load_controller_parameters
 
 SIZE = 6.0
 SCALED = (

@@ -13,7 +13,8 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from rt_controller.law.clutch_state import ClutchState
-from rt_controller.loop.node import ControllerNode, load_controller_parameters
+from rt_controller.loop.node import ControllerNode
+from rt_controller.loop.parameter_sets import load_controller_parameters
 from tests.every_state import draw_life, judge_life, play_life
 
 # Of lives 0 to 299 these have the greatest excess and the greatest step of the voltage; tests.every_state plays more

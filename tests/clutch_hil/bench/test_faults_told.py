@@ -22,7 +22,8 @@ from protocols.node import load_node
 from protocols.realtime.beat import TIMING
 from protocols.telemetry.batch import Batch, list_run_columns
 from rt_controller.law.phases import Fault, Phase
-from rt_controller.loop.node import COLUMNS, ControllerNode, load_controller_parameters, load_shipped_parameters
+from rt_controller.loop.node import COLUMNS, ControllerNode
+from rt_controller.loop.parameter_sets import load_controller_parameters, load_shipped_parameters
 from tests.clutch_hil.bench.test_services import RATE, await_frame
 from tests.processes import ONE_CPU, PATIENCE, await_file, service
 

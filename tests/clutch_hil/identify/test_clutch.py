@@ -25,7 +25,7 @@ from clutch_hil.recordings.checks.finding import Finding
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 SEED = 2
 MAPS, SHAPES, CONTACT, INERTIA = 0.02, 0.10, 0.010, 0.02  # of the issue: relative, relative, bar, relative

@@ -36,7 +36,7 @@ from clutch_hil.identify.identification import Identification, identify_clutch
 from clutch_hil.identify.thesis_quantities import compute_torque
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 SEED = 3
 HIDDEN = Hidden.draw(SEED)

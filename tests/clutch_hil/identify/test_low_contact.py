@@ -5,7 +5,7 @@ import pytest
 import clutch_hil as ch
 from clutch_hil.identify.controller_values import derive_controller_values
 from plant_sim.rigs import wet_clutch
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 CLUTCH = {
     "piston.contact_pressure": 0.8, "piston.preload_pressure": 0.45, "valve.gain": 1.0, "clutch.coulomb_slope": 14.0,

@@ -17,7 +17,7 @@ from clutch_hil.identify.thesis_quantities import (
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_unit import viscosity_ratio
 from protocols.files.units import RPM, ZERO_CELSIUS
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 NOMINAL = wet_clutch.load_nominal()
 VALUES = {name: p.value for name, p in NOMINAL.items()}

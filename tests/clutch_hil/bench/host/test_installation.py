@@ -16,7 +16,7 @@ from clutch_hil.bench.host.unit_files import UNITS, BenchSettings, Program, chec
 from plant_sim.effects.catalogue import VARIABLE
 from protocols.can.size import DATABASE
 from protocols.errors import InputError
-from rt_controller.loop.node import OWN_LIMITS
+from rt_controller.loop.parameter_sets import OWN_LIMITS
 from tests.clutch_hil.live.running import run_command
 from tests.processes import PATIENCE
 

@@ -17,7 +17,7 @@ from plant_sim.rigs import wet_clutch
 from rt_controller.law.lag import LAG, low_pass
 from rt_controller.law.phases import Phase
 from rt_controller.law.record import make_record
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 BANDWIDTH, INERTIA, RATIOS = 566.0, 0.05, (3.0, 2.0)  # 1/s, kg m^2: of controller.toml
 PARAMETERS = {

@@ -12,7 +12,7 @@ from clutch_hil.bench.up import Bench
 from plant_sim.profiles.profile import Profile
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 DEMANDS = """time_s,torque_demand_nm,motor_speed_demand_rad_s,pressure_demand_bar
 0,0,10,0

@@ -37,7 +37,7 @@ from plant_sim.rigs import power_shift, wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import write_run
-from rt_controller.loop.node import load_controller_parameters
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 SEED = 3
 PLAYED = ("stribeck_a", "stribeck_b", "dynamics", "hand_over")
