@@ -13,6 +13,7 @@ from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.errors import InputError, suggest_closest
 from protocols.files.parameters import CONTROLLER, list_changed
 from protocols.node import load_node
+from rt_controller.law.valve_gains import VALVE
 
 MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
 
@@ -52,9 +53,10 @@ class RunSettings:
         part = dict(zip((None, *CLUTCHES), (CONTROLLER, *CONTROLLERS), strict=True))[clutch]
         in_file = list_changed(self.controller_parameters, part) if self.controller_parameters else ()
         values = {name: value for name, value in self.controller.items() if name not in in_file}
-        if reasons := [reason for name in values if name in node.parameters and (reason := node.explain_fixed(name))]:
+        known = node.parameters.keys() - VALVE  # before the start the gains follow the valve
+        if reasons := [reason for name in values if name in known and (reason := node.explain_fixed(name))]:
             raise InputError(reasons[0])
-        following = node.follow_contact(node.parameters.with_values(values), {*in_file, *values})
+        following = node.follow_clutch(node.parameters.with_values(values), {*in_file, *values})
         node.tune({**values, **following})
         return node
 

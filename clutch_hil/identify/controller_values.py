@@ -4,16 +4,18 @@ Equation        the controller's maps are over the cylinder pressure p, the rig'
                   springs reduce: p* = p_c + r (p - p_c), r = k_stack/(k_stack + k_s)                    docs/rig.md, 3
                 a line a p* + b over p: slope r a, intercept b + a (1 - r) p_c
                 beta over p: onset p_c + (p_1 - p_c)/r, scale p_0/r
+                gains of a slow valve: rt_controller/law/valve_gains.py
 """
 
 from collections.abc import Mapping
 
 from clutch_hil.fitting.model import Values
-from clutch_hil.identify.clutch_effects import MOTOR, PRESSURE
+from clutch_hil.identify.clutch_effects import DELAY, MOTOR, PRESSURE
 from clutch_hil.identify.clutch_parameters import shift_pressures
 from clutch_hil.identify.piston_landing import measure_landing
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
+from rt_controller.law.valve_gains import Valve, scale_gains
 
 # controller parameter -> plant parameter: the same quantity in the same unit
 _SAME: Mapping[str, str] = {
@@ -95,6 +97,7 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
         why = f"scaled with the slope of the torque, which is {size:.3g} times the nominal one"
         values |= {name: (size * controller[name].value, why) for name in _TORQUES}
         values |= {name: (controller[name].value / size, why) for name in _GAINS}
+    values |= _follow_valve(plant, nominal, controller, values)
     limit = controller["lock.pressure_limit"].value
     if values["torque.pressure_limit"][0] > limit:
         values["torque.pressure_limit"] = (
@@ -102,6 +105,33 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
             "the limit of the lock, as the nominal distance above contact would exceed it",
         )
     return _keep_within(values, controller)
+
+
+def _follow_valve(
+    plant: Values, nominal: Values, controller: ParameterSet, values: Mapping[str, tuple[float, str]]
+) -> dict[str, tuple[float, str]]:
+    """Return the gains, rates and times that the valve of the plant changes; `values` may already have scaled them."""
+    valve, designed = _describe_valve(plant), _describe_valve(nominal)
+    lags = [1e3 * (each.lag + each.dead_time) for each in (valve, designed)]
+    why = f"for the lag of valve and oil, {lags[0]:.3g} ms; nominal {lags[1]:.3g} ms (rt_controller/law/valve_gains.py)"
+    return {
+        name: (factor * values.get(name, (controller[name].value, ""))[0], why)
+        for name, factor in scale_gains(valve, designed).items()
+    }
+
+
+def _describe_valve(plant: Values) -> Valve:
+    """Return valve and line of the plant; docs/rig.md, 1 to 3."""
+    stiffness = plant["piston.stack_stiffness"] + _spring_stiffness(plant)  # N/m
+    stored = plant["hydraulics.capacity"] + plant["piston.area"] ** 2 * BAR / stiffness  # m^3/bar, oil and plates
+    line = stored / plant["hydraulics.conductance"]
+    return Valve(plant["valve.frequency"], plant["valve.damping"], 1e-3 * plant.get(DELAY, 0.0), line)
+
+
+def _spring_stiffness(plant: Values) -> float:
+    """Return k_s of the return springs [N/m]; docs/rig.md, 3."""
+    travel = plant["piston.contact_pressure"] - plant["piston.preload_pressure"]
+    return plant["piston.area"] * BAR * travel / plant["piston.clearance"]
 
 
 def _keep_within(values: Mapping[str, tuple[float, str]], controller: ParameterSet) -> dict[str, tuple[float, str]]:
@@ -127,8 +157,7 @@ def derive_pressures(contact: float, valve_gain: float, nominal: Values, control
 def _convert_to_cylinder(plant: Values) -> dict[str, float]:
     """Return the plant's map parameters over the cylinder pressure; see Equation."""
     contact, stack = plant["piston.contact_pressure"], plant["piston.stack_stiffness"]
-    springs = plant["piston.area"] * BAR * (contact - plant["piston.preload_pressure"]) / plant["piston.clearance"]
-    share = stack / (stack + springs)
+    share = stack / (stack + _spring_stiffness(plant))
     lines = {}
     for line in ("coulomb", "viscous"):
         slope, intercept = plant[f"clutch.{line}_slope"], plant[f"clutch.{line}_intercept"]

@@ -20,7 +20,8 @@ from protocols.errors import InputError
 from protocols.node import load_node
 
 _RATE = 1000  # Hz. On the shipped rig the piston lands at 0.12 to 0.135 bar with 250 Hz to 2 kHz
-_BEGIN, _END = 0.1, 1.7  # s, begin of the fill and end of the run: a little longer than the fill's time-out of 1.5 s
+_BEGIN, _AFTER = 0.1, 0.1  # s, begin of the fill, and what the run lasts beyond its time-out
+_TIMEOUT = "phases.fill_timeout"  # s, longer with a slow valve
 _TORQUE, _SPEED = 10.0, 10.0  # Nm, rad/s: any demand begins with the same fill
 
 
@@ -29,7 +30,8 @@ def measure_landing(plant: Values, controller: Mapping[str, float]) -> float | N
 
     plant: values of the rig. controller: values of its controller. Both by dotted name, in their units.
     """
-    times = (0.0, _BEGIN, _BEGIN + 0.001, _END)
+    timeout = controller.get(_TIMEOUT, load_node("controller")(rate=_RATE).parameters[_TIMEOUT].value)
+    times = (0.0, _BEGIN, _BEGIN + 0.001, _BEGIN + timeout + _AFTER)
     profile = Profile("fill", times, (0.0, 0.0, _TORQUE, _TORQUE), (_SPEED,) * 4, (0.0,) * 4, (0.0,) * 4)
     shipped = wet_clutch.load_nominal()
     with tempfile.TemporaryDirectory() as folder:

@@ -25,6 +25,7 @@ from rt_controller.law.phases import PHASE_SETTINGS
 from rt_controller.law.plausibility import PLAUSIBILITY_SETTINGS
 from rt_controller.law.record import make_record
 from rt_controller.law.torque_law import LAW_SETTINGS, make_law_at_rest, make_law_settings
+from rt_controller.law.valve_gains import VALVE
 from rt_controller.loop.cycle import (
     NODE,
     OTHER_CLUTCH_FRAMES,
@@ -41,7 +42,7 @@ from rt_controller.loop.cycle_record import COLUMNS
 from rt_controller.loop.parameter_sets import (
     check_parameters,
     check_slip_limit,
-    follow_contact,
+    follow_clutch,
     load_node_parameters,
     select_layout_values,
 )
@@ -66,7 +67,7 @@ class ControllerNode:
     """
 
     columns = COLUMNS
-    follow_contact = staticmethod(follow_contact)
+    follow_clutch = staticmethod(follow_clutch)
 
     def __init__(
         self,
@@ -168,6 +169,8 @@ class ControllerNode:
         """Return why a parameter cannot change while the controller runs; None if it can."""
         if name.partition(".")[0] == "guard":
             return f"parameter {name} is fixed while the controller runs: the guard's limits are set at the start"
+        if name in VALVE:
+            return f"parameter {name} is fixed while the controller runs: the gains follow it at the start; change the gains"
         return None
 
     def tune(self, values: Mapping[str, float]) -> None:

@@ -10,6 +10,8 @@ from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, list_changed, load_defaults, load_overlay
 from rt_controller.guard.allowed_limits import check_limits
 from rt_controller.guard.layout import LAYOUT_VALUES
+from rt_controller.law.contact_maps import shift_maps
+from rt_controller.law.valve_gains import follow_valve
 
 PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
 # Rigs with one and with two clutches that the law applies to. A calibration of another rig is refused
@@ -43,7 +45,7 @@ _SHARES_OF_CONTACT = ("phases.released_pressure", "phases.lost_pressure", "press
 def load_controller_parameters(changed: Path | None = None, clutch: str | None = None) -> ParameterSet:
     """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError.
 
-    The file may leave out the pressures that follow its contact pressure, see `follow_contact`. clutch: a or b if there are two
+    The file may leave out what follows its contact pressure and its valve, see `follow_clutch`. clutch: a or b if there are two
     clutches; selects the part of a calibration.
     """
     shipped = load_defaults(PARAMETERS)
@@ -51,7 +53,14 @@ def load_controller_parameters(changed: Path | None = None, clutch: str | None =
         return shipped
     part = name_calibration_part(clutch)
     own = load_overlay(changed, shipped, part, RIG_OF_TWO if clutch else RIG)
-    return own.with_values(follow_contact(own, list_changed(changed, part)))
+    return own.with_values(follow_clutch(own, list_changed(changed, part)))
+
+
+def follow_clutch(parameters: ParameterSet, given: Collection[str]) -> dict[str, float]:
+    """Return what follows the contact pressure and the valve of `parameters`, by dotted name; arguments of `follow_contact`."""
+    shipped = load_defaults(PARAMETERS)
+    maps, gains = shift_maps(parameters, shipped, given), follow_valve(parameters, shipped, given)
+    return follow_contact(parameters, given) | maps | gains
 
 
 def follow_contact(parameters: ParameterSet, given: Collection[str]) -> dict[str, float]:

@@ -31,8 +31,8 @@ _BANDWIDTH, _INERTIA, _ZERO = "slip.bandwidth", "model.motor_inertia", "model.mo
 _OR = "or the clutch has changed; see clutch-hil identify"
 CONTACT, _VALVE = "model.contact_pressure", "pressure.valve_gain"  # expected contact pressure [bar]; bar/V
 EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # parameters by which a controller finds the contact of the plates
-# With a valve slower than the shipped one the pressure overshoots at the end of a fill, and the regulator winds up
-GAINS = ("pressure.proportional_gain", "pressure.integral_gain")
+# With a valve slower than the controller's the pressure overshoots at the end of a fill, and the regulator winds up
+SLOW_VALVE = ("pressure.valve_frequency", "pressure.valve_delay")
 
 
 @dataclass(frozen=True)

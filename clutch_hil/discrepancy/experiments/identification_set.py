@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from clutch_hil.bench.experiments import Course
-from clutch_hil.bench.judgement.calibration_check import EXPECTED, GAINS
+from clutch_hil.bench.judgement.calibration_check import EXPECTED, SLOW_VALVE
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.experiments.identification_design import design_experiment
@@ -124,8 +124,8 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
 def _describe_expected(bench: CourseBench) -> str:
     return (
         f"the controller expects contact at {bench.contact:g} bar: give it {', '.join(EXPECTED)} of your clutch,"
-        " with --controller-parameters FILE or, on a running bench, with clutch-hil tune; a slow valve needs smaller"
-        f" {' and '.join(GAINS)}"
+        " with --controller-parameters FILE or, on a running bench, with clutch-hil tune; of a slow valve also"
+        f" {' and '.join(SLOW_VALVE)}, with --controller-parameters"
     )
 
 
