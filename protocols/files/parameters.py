@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from protocols.errors import InputError, suggest_closest
+from protocols.files.other_units import describe_other_unit
 from protocols.files.units import space_unit, to_si
 from protocols.input_file import read_toml
 
@@ -46,8 +47,8 @@ class Parameter:
         to_si(self.value, self.unit)
         low, high = self.bounds
         if not (isfinite(self.value) and low <= self.value <= high):
-            unit = space_unit(self.unit)
-            raise InputError(f"parameter {self.name} = {self.value:g}{unit} is outside {low:g}..{high:g}")
+            unit, hint = space_unit(self.unit), describe_other_unit(self.value, self.unit, low, high)
+            raise InputError(f"parameter {self.name} = {self.value:g}{unit} is outside {low:g}..{high:g}{hint}")
         if not 0.0 <= self.uncertainty < inf:
             raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")
         if not self.source.strip():
