@@ -26,8 +26,8 @@ def import_run(
     recordings: list[Path] = typer.Argument(
         ...,
         metavar="RECORDING...",
-        help="MDF 3 or 4, MATLAB .mat, CSV or other text, TDMS, HDF5, Parquet, Feather, or a bus log; known by its content;"
-        " also compressed",
+        help="MDF 3 or 4, MATLAB .mat, CSV or other text, Excel .xlsx, TDMS, HDF5, Parquet, Feather, or a bus log; known by its"
+        " content; also compressed",
     ),
     map_name: str | None = typer.Option(
         None, "--map", help="TOML file that assigns the columns, or emps, microtribometer, pneumatic_seal"

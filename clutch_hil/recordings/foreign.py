@@ -7,14 +7,16 @@ NEEDS_DATABASE = (
     'name their database with --map: a map with dbc = "FILE.dbc" in [file], which --list and --draft take, too'
 )
 _TEXT = "save its data as CSV"
+_SHEET = "save its data as .xlsx without a password, or as CSV"
 # Pattern of the first bytes -> kind of file, and remedy
 _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"7z\xbc\xaf|Rar!|MSCF|PK\x05\x06|PK\x07\x08|\x1f\x9d|\x04\x22\x4d\x18|\xff\x06\0\0sNaPpY", "an archive", "unpack it"),
-    (rb"PK\x03\x04.{0,4000}(\[Content_Types\]|_rels/|xl/|opendocument)", "a spreadsheet", _TEXT),
+    (rb"PK\x03\x04.{0,4000}opendocument", "a file of OpenDocument, such as .ods", _SHEET),
+    (rb"PK\x03\x04.{0,4000}(\[Content_Types\]|_rels/|xl/)", "a file of Office that is no .xlsx, such as .xlsb", _SHEET),
     (rb"PK\x03\x04.{26,200}\.npy", "an archive of NumPy", "write its arrays into a CSV, Parquet or .mat file"),
     (rb"CDF[\x01\x02\x05]", "netCDF 3", "convert it to netCDF 4 by nccopy -k 4"),
     (rb".{257}ustar", "an archive of tar", "unpack it"),
-    (rb"\xd0\xcf\x11\xe0", "a file of an older Office", _TEXT),
+    (rb"\xd0\xcf\x11\xe0", "a file of an older Office (.xls), or one with a password", _SHEET),
     (rb"\x93NUMPY", "an array of NumPy", "write it into a CSV, Parquet or .mat file"),
     (rb"\x80[\x02-\x05](c|\x95|\}|\]|K)", "a pickle of Python", "write its data into a CSV, Parquet or .mat file"),
     (rb"RIFF|fLaC|OggS", "a sound or a film", _TEXT),

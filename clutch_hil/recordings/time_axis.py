@@ -36,7 +36,9 @@ _TIME_UNITS = ("s", "ms", "us", "ns", "min")  # units in which loggers count tim
 # Multiples of its span after which a recording hardly ever begins: an oscilloscope begins near its trigger
 _LATE_SPANS = 100.0
 _SHORT_STEP = 2e-5  # s; no rig records torque at more than 50 kHz. As days it is 2 s
-_SLOW_STEPS, _SAME_STEP = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 60.0), 1e-3  # s, of slow loggers; as days no usual rate
+# s, of slow loggers; as days no usual rate. Those of half an hour and an hour are 48 and 24 Hz, as cameras have
+_SLOW_STEPS, _SAME_STEP = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1200.0), 1e-3
+_SLOWER_STEPS = (1800.0, 3600.0)
 
 
 def count_rows(signals: Mapping[str, Signal], rate: float) -> Signal:
@@ -242,9 +244,11 @@ def _looks_like_days(time: np.ndarray) -> bool:
     if len(time) < _FEWEST_DAYS or not np.isfinite(time).all():
         return False
     span, step = time[-1] - time[0], float(np.median(np.diff(time)))
-    slow = any(isclose(_DAY * step, usual, rel_tol=_SAME_STEP) for usual in _SLOW_STEPS)
+    dated = any(low < time[0] <= time[-1] < high for low, high in _DAYS)
+    steps = _SLOW_STEPS + (_SLOWER_STEPS if dated else ())
+    slow = any(isclose(_DAY * step, usual, rel_tol=_SAME_STEP) for usual in steps)
     in_a_day = 0.0 < time[0] < 1.0 and (slow or time[0] > _LATE_SPANS * span)
-    if not in_a_day and not any(low < time[0] <= time[-1] < high for low, high in _DAYS):
+    if not in_a_day and not dated:
         return False
     return slow or bool(span < 1.0 and 0.0 < step < _SHORT_STEP)
 

@@ -3,17 +3,17 @@
 The file is in the folder of temporary files, and is removed when nobody uses the recording any more.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 from typing import Any
 from weakref import finalize
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal
+from clutch_hil.recordings.channel import Recording
 from clutch_hil.recordings.foreign import describe_foreign
 from clutch_hil.recordings.format import load_formats, open_recording, recognise
+from clutch_hil.recordings.unpacked_recording import UnpackedRecording, shown_as
 from clutch_hil.recordings.unpacking import find_packing, unpack
 from protocols.errors import InputError
 from protocols.input_file import read_head
@@ -45,7 +45,7 @@ class Compressed:
             target = folder / "recording"
             member = unpack(path, packing, given.pop("member", ""), target)
             shown = f"{path} ({member})" if member else str(path)
-            with _shown_as(target, shown):
+            with shown_as(target, shown):
                 inside = recognise(target)
                 if isinstance(inside, Compressed):
                     raise InputError(f"recording {shown} holds another compressed file; unpack it")
@@ -56,29 +56,3 @@ class Compressed:
         finalize(unpacked, rmtree, folder, ignore_errors=True)
         unpacked.notes.insert(0, f"unpacked by {packing}{f': {member}' if member else ''}, which is {inside.name}")
         return unpacked
-
-
-class UnpackedRecording:
-    """A Recording in the file `target`, which is `shown` as another one in errors."""
-
-    def __init__(self, own: Recording, target: Path, shown: str) -> None:
-        self._own, self._target, self._shown = own, target, shown
-        self.channels: Sequence[Channel] = own.channels
-        self.numbers: Mapping[str, float] = own.numbers
-        self.notes: list[str] = own.notes
-        self.start: str = own.start
-        self.units_rows: int = getattr(own, "units_rows", 0)
-
-    def read(self, channels: Sequence[Channel]) -> list[Signal]:
-        """See `Recording`."""
-        with _shown_as(self._target, self._shown):
-            return self._own.read(channels)
-
-
-@contextmanager
-def _shown_as(target: Path, shown: str) -> Iterator[None]:
-    """Name the compressed file in place of `target` in errors."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(str(error).replace(str(target), shown)) from None

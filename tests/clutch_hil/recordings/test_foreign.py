@@ -20,11 +20,18 @@ FOREIGN = {
     "log.lz4": (b"\x04\x22\x4d\x18" + bytes(99), "an archive: unpack it"),
     "parts.zip": (b"PK\x07\x08PK\x03\x04" + bytes(99), "an archive: unpack it"),
     "log.cab": (b"MSCF" + bytes(99), "an archive: unpack it"),
-    "log.xlsx": (
+    "log.xlsb": (
         b"PK\x03\x04\x14\x00\x06\x00" + bytes(22) + b"[Content_Types].xml",
-        "a spreadsheet: save its data as CSV",
+        "a file of Office that is no .xlsx, such as .xlsb: save its data as .xlsx without a password, or as CSV",
     ),
-    "log.xls": (bytes.fromhex("d0cf11e0a1b11ae1") + bytes(99), "a file of an older Office: save its data as CSV"),
+    "log.ods": (
+        b"PK\x03\x04\x14\x00\x00\x08" + bytes(22) + b"mimetypeapplication/vnd.oasis.opendocument.spreadsheet",
+        "a file of OpenDocument, such as .ods: save its data as .xlsx without a password, or as CSV",
+    ),
+    "log.xls": (
+        bytes.fromhex("d0cf11e0a1b11ae1") + bytes(99),
+        "a file of an older Office (.xls), or one with a password: save its data as .xlsx without a password, or as CSV",
+    ),
     "log.npy": (
         b"\x93NUMPY\x01\x00v\x00{'descr': '<f8'}",
         "an array of NumPy: write it into a CSV, Parquet or .mat file",

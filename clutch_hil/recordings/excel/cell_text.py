@@ -1,0 +1,91 @@
+"""Cells of a workbook as text, as the reader of text files understands it, without a loss of digits.
+
+Excel stores times as days, with a format that shows them as dates. A day of today has a resolution of 0.6 us (2^-37 of a day).
+openpyxl would round times to ms, so they are converted here.
+"""
+
+import re
+from collections.abc import Callable
+from datetime import date, datetime, time, timedelta
+from typing import Any
+
+from openpyxl.styles.numbers import is_date_format
+
+from clutch_hil.recordings.unit_in_name import is_unit
+
+_DAY_US = 86_400_000_000  # us
+_DAY_NS = 1000 * _DAY_US
+_LATEST_DURATION = 400.0  # days; below are durations and times of day, as the dates would be those of 1900
+_LATEST_DAY = 2_958_466.0  # days of Excel; 1 January 10000
+# us; a time that differs from a multiple of the first by less than the second is that one: files have 15, 16 or 17 digits of
+# the days, which are 9, 0.9 or 0.6 us
+_NEAR = ((100, 5.0), (10, 1.5))
+_NO_VALUE = "#N/A"  # what the reader of text takes for no value; all errors of Excel are none
+_UNIT_SHOWN = re.compile(r'[#0?.,]+\s*(?:"\s*(?P<unit>[^"]+?)\s*"|\\(?P<letter>\S))')  # a format such as 0.00" Nm"
+_CONTROL = dict.fromkeys([*range(32), 127], " ")
+
+
+class CellTexts:
+    """Texts of cells. decimal: mark of numbers. begin: day 0 of the workbook. find_format: number format of a style.
+
+    broken: whether a number so far has the mark, as a fraction has it.
+    """
+
+    def __init__(self, decimal: str, begin: datetime, find_format: Callable[[int], str]) -> None:
+        self.broken = False
+        self._decimal, self._begin, self._find_format = decimal, begin, find_format
+        self._writers: dict[int, Callable[[float], str]] = {}
+
+    def write(self, value: Any, kind: str, style: int) -> str:
+        """Return a cell as text. kind: of openpyxl; `n` are numbers, `e` errors. style: number of its style."""
+        if kind == "e":
+            return _NO_VALUE
+        if isinstance(value, bool):
+            return "true" if value else "false"
+        if isinstance(value, int | float):
+            if (writer := self._writers.get(style)) is None:
+                writer = self._writers[style] = self._choose_writer(self._find_format(style))
+            return writer(value)
+        if isinstance(value, datetime | date | time):
+            return value.isoformat()
+        if isinstance(value, timedelta):
+            return _write_duration(value / timedelta(days=1))
+        return " ".join(str(value).translate(_CONTROL).split())
+
+    def _choose_writer(self, shown: str) -> Callable[[float], str]:
+        """Return how numbers of a number format are written: what Excel shows counts, but for its rounding."""
+        if is_date_format(shown):
+            return self._write_time
+        if "%" in re.sub(r'"[^"]*"', "", shown):
+            return lambda value: f"{self._write_number(100.0 * value)} %"
+        unit = _UNIT_SHOWN.fullmatch(shown.split(";")[0])
+        text = (unit["unit"] or unit["letter"]) if unit else ""
+        if text and is_unit(text):
+            return lambda value: f"{self._write_number(value)} {text}"
+        return self._write_number
+
+    def _write_number(self, value: float) -> str:
+        text = repr(value)
+        if "." in text:
+            self.broken = True
+            return text.replace(".", self._decimal)
+        return text
+
+    def _write_time(self, days: float) -> str:
+        if not -_LATEST_DURATION < days < _LATEST_DAY:
+            return self._write_number(days)
+        if days < _LATEST_DURATION:
+            return _write_duration(days)
+        whole, rest = divmod(days, 1.0)
+        part = rest * _DAY_US
+        rounded = (step * round(part / step) for step, most in _NEAR if abs(part - step * round(part / step)) < most)
+        us = next(rounded, round(part))
+        moment = self._begin + timedelta(days=int(whole), microseconds=us)
+        return moment.isoformat() if rest else moment.date().isoformat()
+
+
+def _write_duration(days: float) -> str:
+    """Return days as hours:minutes:seconds, in ns."""
+    seconds, ns = divmod(round(abs(days) * _DAY_NS), 1_000_000_000)
+    text = f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{ns:09d}"
+    return f"-{text}" if days < 0.0 else text
