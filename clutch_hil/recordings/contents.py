@@ -13,6 +13,7 @@ from clutch_hil.recordings.channel import NO_VALUES, TIME_NAMES, Channel, Record
 from clutch_hil.recordings.foreign_column import UNITS, can_become, is_absolute, offset_air
 from clutch_hil.recordings.split_time import find_seconds
 from clutch_hil.recordings.stated_rate import list_stated_rates
+from clutch_hil.recordings.text.arrival import ARRIVAL
 from clutch_hil.recordings.time_axis import EPOCH_S
 from clutch_hil.recordings.unit_in_name import hint_unit, is_known
 from protocols.errors import InputError
@@ -199,10 +200,12 @@ def _take_hint(channel: Channel) -> str:
 def _find_clock(channels: Sequence[Channel]) -> Channel | None:
     """Return the channel that is most likely the time: a time axis, or by name, or by unit; None if there is none."""
     tests = (
-        lambda c: c.kind == "time",
+        lambda c: c.kind == "time" and c.name != ARRIVAL,  # which is late, and uneven, beside a time of the sender
         lambda c: _simplify_name(hint_unit(c.name)[0]) in TIME_NAMES,
+        lambda c: _simplify_name(c.name).removesuffix("_s") in TIME_NAMES,
         lambda c: _simplify_name(c.name).startswith("time"),
-        lambda c: _find_ending(simplify_unit(c.unit or _take_hint(c))) == "s",
+        lambda c: _find_ending(simplify_unit(c.unit or _take_hint(c))) == "s" and c.name != ARRIVAL,
+        lambda c: c.kind == "time",
     )
     return next((channel for test in tests for channel in channels if test(channel) and not _is_other(channel)), None)
 

@@ -13,8 +13,8 @@ from clutch_hil.recordings.state_names import value_states
 from protocols.errors import InputError
 
 _NAMES = re.compile(
-    r"[_ ]?(signal|channel|variable|tag|sensor|parameter|metric|topic|quantity|field|measurement|name|key|item|id|kanal"
-    r"|messstelle|messgr(ö|oe)(ß|ss)e|grandeur|voie)([_ ]?(name|id))?",
+    r"[_ ]?(signal|channel|var|variable|series|tag|sensor|parameter|metric|topic|quantity|field|measurement|name|key|item|id"
+    r"|kanal|messstelle|messgr(ö|oe)(ß|ss)e|grandeur|voie)([_ ]?(name|id))?",
     re.IGNORECASE,
 )
 _FEWEST_ROWS = 10  # least rows for a decision

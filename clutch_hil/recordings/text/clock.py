@@ -85,6 +85,11 @@ class TimeFormat:
     def has_date(self) -> bool:
         return any(f"(?P<{day}>" in self.pattern for day in "dju")
 
+    @property
+    def is_duration(self) -> bool:
+        """Whether it is a duration of ISO 8601, which no time of day is."""
+        return "(?P<s>" in self.pattern
+
     def matches(self, cell: str) -> bool:
         return len(cell) <= _LONGEST and re.fullmatch(self.pattern, cell) is not None
 
@@ -132,6 +137,11 @@ _PLAIN = (
         "days.hours:minutes:seconds",
     ),
     TimeFormat(r"(?P<M>[0-9]{1,4}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]{1,9})", "minutes:seconds"),
+    TimeFormat(  # also without the parts that are 0, and with more than 59 of each: PT0.5S, PT1H2M3S, P1DT90M
+        r"(?P<n>[+-])?P(?:(?P<D>[0-9]{1,5})D)?T(?:(?P<H>[0-9]{1,6})H)?(?:(?P<M>[0-9]{1,8})M)?"
+        r"(?:(?P<s>[0-9]{1,9})(?:[.,](?P<f>[0-9]{1,9}))?S)?",
+        "ISO 8601, a duration",
+    ),
     TimeFormat(
         r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2})", "two numbers",
         "can be hours and minutes or minutes and seconds; set time_format = '%H:%M' or '%M:%S' in [file]",
@@ -139,8 +149,8 @@ _PLAIN = (
 )  # fmt: skip
 _LIKE_A_DATE = re.compile(
     r"[0-9A-Za-z.,']+\s*[-/.\s]\s*[0-9A-Za-zäéû]+\s*[-/.,\s]+[0-9]+|[0-9]{8}[T ][0-9]{6}"
-    r"|[0-9]{4}-?W[0-9]{2}|[0-9]{4}-[0-9]{3}(?![0-9])"
-)  # three parts, a week or a day of the year: quick to look for
+    r"|[0-9]{4}-?W[0-9]{2}|[0-9]{4}-[0-9]{3}(?![0-9])|[+-]?PT?[0-9]"
+)  # three parts, a week, a day of the year, or a duration: quick to look for
 _SLASHED = rf"([0-9]{{1,2}})([/-])([0-9]{{1,2}})[/-][0-9]{{4}}{_CLOCK}"
 _SHORT_YEAR = rf"[0-9]{{1,2}}[./-][0-9]{{1,2}}[./-][0-9]{{2}}{_CLOCK}"
 
@@ -269,7 +279,8 @@ class Clock:
         first = datetime(1970, 1, 1, tzinfo=UTC if self.zoned else None) + timedelta(microseconds=self.first // 1000)
         if self.written.has_date:
             return first.isoformat()
-        return first.time().isoformat() if "(?P<H>" in self.written.pattern else ""
+        in_a_day = "(?P<H>" in self.written.pattern and not self.written.is_duration
+        return first.time().isoformat() if in_a_day else ""
 
 
 def _convert_to_nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -283,7 +294,8 @@ def _convert_to_nanoseconds(fields: dict[str, pa.Array], rows: int) -> tuple[np.
         return np.asarray(text.cast(pa.int64()).to_numpy(zero_copy_only=False))
 
     hour, minute, second = read_number("H"), read_number("M"), read_number("S")
-    right = ((minute < 60) | ("H" not in fields)) & (second < 61)
+    right = ((minute < 60) | ("H" not in fields) | ("s" in fields)) & (second < 61)
+    second = second + read_number("s")  # of a duration, which may have any
     for name in fields.keys() & {"p", "q"}:
         half = pc.fill_null(pc.utf8_lower(fields[name]), "").to_numpy(zero_copy_only=False)
         named = half != ""

@@ -13,6 +13,7 @@ from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
 from clutch_hil.recordings.text.date_names import name_date_and_time
 from clutch_hil.recordings.text.footer import STATISTIC
+from clutch_hil.recordings.text.group_names import name_by_groups
 from clutch_hil.recordings.text.index_name import name_index
 from clutch_hil.recordings.text.lines import RUNS, Line, split
 from clutch_hil.recordings.text.number_types import are_types
@@ -139,6 +140,10 @@ def find_headings(
     if names is None:
         notes.append(f"no names of columns: they are 'column 1' to 'column {widths[0]}'")
     used = [number for number in (names, units) if number is not None]
+    if names is not None and not paired and (grouped := _find_groups(above, rows, names, units, cells)):
+        groups, rows[names] = grouped
+        used.append(groups)
+        notes.append(f"names are under groups, or groups over names, in line {above[groups].number}")
     remarks = above[: min(used)] if used else above
     for number in range(min(used, default=top) + 1, top):
         if number not in used:
@@ -230,6 +235,27 @@ def _find_names(
     return max([usual, *reversed(together)], key=lambda n: len(set(rows[n]) - {""}))
 
 
+def _find_groups(
+    above: Sequence[Line], rows: Mapping[int, Sequence[str]], names: int, units: int | None, cells: Cells
+) -> tuple[int, list[str]] | None:
+    """The line beside that of the names which has their groups, or the names of these groups; and the names by both."""
+    for other in (names - 1, names + 1):
+        row = rows.get(other, [])
+        if other == units or not row or are_types(row) or any(map(cells.is_number, row)):
+            continue
+        upper, lower = sorted((names, other))
+        if above[lower].number - above[upper].number > 1 or above[upper].comment != above[lower].comment:
+            continue
+        if other > names and (
+            len(set(rows[names]) - {""}) == len(row)  # the names differ, so the line below has remarks
+            or any(below and is_time_name(split_unit(name)[0]) for name, below in zip(rows[names], row, strict=True))
+        ):
+            continue
+        if (named := name_by_groups(rows[upper], rows[lower])) and not any(map(_is_time, named)):
+            return other, named
+    return None
+
+
 def _find_above_numbers(
     rows: Mapping[int, Sequence[str]], others: Mapping[int, Sequence[str]], top: int
 ) -> tuple[int, int | None] | None:
@@ -282,9 +308,15 @@ def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
         2 * sum(map(bool, row)) > width
         and not _AXIS_LABEL.fullmatch(row[0])
         and not split_value(row[0], row[-1])
-        and not any(cells.is_number(cell) or find_time_format([cell]) for cell in row)
+        and not any(cells.is_number(cell) or _is_time(cell) for cell in row)
         and not all(_ENTRY.match(cell) for cell in row if cell)
     )
+
+
+def _is_time(cell: str) -> bool:
+    """Whether a cell is a time; a name such as PT1H, of a pressure, could also be a duration."""
+    written = find_time_format([cell])
+    return written is not None and not written.is_duration
 
 
 def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[str]], wanted: int, width: int) -> int:

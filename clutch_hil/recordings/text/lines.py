@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from clutch_hil.recordings.text.arrival import find_delimiter_of_stamps, part_stamps
 from clutch_hil.recordings.text.characters import are_quoted, simplify_characters, strip_marks_of_text, strip_quotes
 from protocols.errors import InputError
 
@@ -106,7 +107,7 @@ class TextFile:
 
     def read_blocks(self) -> Iterator[Block]:
         """All lines, in blocks. Raises InputError for a line without end."""
-        first, rest, quoted = 1, b"", None
+        first, rest, quoted, stamps = 1, b"", None, b""
         for text in self._read_texts():
             text = rest + text
             end = text.rfind(b"\n") + 1
@@ -115,13 +116,16 @@ class TextFile:
                 raise InputError(f"recording {self.path}: line {number} has more than {_MOST_LINE} bytes")
             if end:
                 if quoted is None:
-                    quoted = are_quoted(text[: text.rfind(b"\n", 0, _HEAD) + 1])
+                    head = text[: text.rfind(b"\n", 0, _HEAD) + 1]
+                    quoted, stamps = are_quoted(head), find_delimiter_of_stamps(head)
                 lines = strip_quotes(text[:end]) if quoted else text[:end]
+                lines = part_stamps(lines, stamps) if stamps else lines
                 yield Block(first, strip_marks_of_text(lines))
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
         if rest.strip(b"\x1a"):  # the mark with which DOS ends a file
-            yield Block(first, strip_marks_of_text(strip_quotes(rest + b"\n") if quoted else rest + b"\n"))
+            lines = strip_quotes(rest + b"\n") if quoted else rest + b"\n"
+            yield Block(first, strip_marks_of_text(part_stamps(lines, stamps) if stamps else lines))
 
     def _scan(self) -> None:
         """Count lines, keep the first and last ones, and try the encoding."""

@@ -35,7 +35,7 @@ WRITERS: dict[str, Callable[[Path, str, Sequence[str]], None]] = {
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-@pytest.mark.parametrize("column", ["signal", "_field", "what"])
+@pytest.mark.parametrize("column", ["signal", "_field", "VarName", "what"])
 def test_values_of_several_signals_in_one_column_are_refused(tmp_path: Path, kind: str, column: str) -> None:
     WRITERS[kind](tmp_path / "recording", column, ["torque", "speed"] * (ROWS // 2))
     sentence = find_refusal(tmp_path, tmp_path / "recording", MAP)

@@ -11,6 +11,7 @@ from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from clutch_hil.recordings.import_map import load_map
 from tests.clutch_hil.recordings.text_files import (
+    MAP,
     ROWS,
     TIME,
     TWO,
@@ -194,3 +195,24 @@ def test_a_duration_of_net_goes_on_over_a_day(tmp_path: Path) -> None:
     times[3] += ".5000000"
     run = read(tmp_path, make_table(times=times), "resample_hz = 0.1", TWO)
     assert (run["time_s"][0], run["time_s"][-1]) == (0.0, 60.0 * (ROWS - 1))
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda t: f"PT{t:.2f}S",
+        lambda t: f"PT{90 + t:.2f}S".replace(".", ","),
+        lambda t: f"P1DT2H75M{t:.3f}S",
+        lambda t: "PT2H" if t == 0.0 else f"PT2H{t:.3f}S",
+        lambda t: f"PT{(100 * t - 30) / 100:.2f}S".replace("PT-", "-PT"),
+    ],
+)
+def test_durations_of_iso_8601_are_times(tmp_path: Path, write: Callable[[float], str]) -> None:
+    run = read(tmp_path, make_table(";", times=[write(t) for t in TIME]))
+    assert_right(run)
+    assert "recorded at" not in convert_run(run)
+
+
+def test_a_name_that_could_be_a_duration_is_a_name(tmp_path: Path) -> None:
+    run = read(tmp_path, make_table(header="time,PT1H,speed"), columns=MAP.replace('"torque"', '"PT1H"'))
+    assert_right(run)
