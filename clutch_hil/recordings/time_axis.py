@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from math import inf, isclose, isfinite
+from math import floor, inf, isclose, isfinite, log10
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,7 @@ _LATE_SPANS = 100.0
 _SHORT_STEP = 2e-5  # s; no rig records torque at more than 50 kHz. As days it is 2 s
 # s, of slow loggers; as days no usual rate. Those of half an hour and an hour are 48 and 24 Hz, as cameras have
 _SLOW_STEPS, _SAME_STEP = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1200.0), 1e-3
+_USUAL_DIGITS = (1.0, 2.0, 2.5, 4.0, 5.0, 8.0)  # of the steps of loggers
 _SLOWER_STEPS = (1800.0, 3600.0)
 
 
@@ -247,10 +248,18 @@ def _looks_like_days(time: np.ndarray) -> bool:
     dated = any(low < time[0] <= time[-1] < high for low, high in _DAYS)
     steps = _SLOW_STEPS + (_SLOWER_STEPS if dated else ())
     slow = any(isclose(_DAY * step, usual, rel_tol=_SAME_STEP) for usual in steps)
+    if time[0] == 0.0 and 0.0 < step < _SHORT_STEP:  # durations, which pandas writes so into a spreadsheet
+        return _is_usual(_DAY * step) and not _is_usual(step)
     in_a_day = 0.0 < time[0] < 1.0 and (slow or time[0] > _LATE_SPANS * span)
     if not in_a_day and not dated:
         return False
     return slow or bool(span < 1.0 and 0.0 < step < _SHORT_STEP)
+
+
+def _is_usual(step: float) -> bool:
+    """Return whether a step [s] is one that loggers have: 1, 2, 2.5, 4, 5 or 8 times a power of ten."""
+    digit = step / 10.0 ** floor(log10(step))
+    return any(isclose(digit, usual, rel_tol=_SAME_STEP) for usual in (*_USUAL_DIGITS, 10.0))
 
 
 def _format_time_of_day(epoch: float) -> str:

@@ -158,6 +158,16 @@ def test_days_as_numbers_are_asked_about_also_where_a_row_follows_every_ten_minu
         np.testing.assert_allclose(run["time_s"], step * np.arange(ROWS), rtol=0.0, atol=1e-5)
 
 
+def test_durations_in_days_are_asked_about(tmp_path: Path) -> None:
+    """As pandas writes a column of time deltas: numbers, from 0, without a format."""
+    path = save(tmp_path, make_rows(times=[t / 86400.0 for t in TIME]))
+    assert "'time' counts days of a spreadsheet, perhaps; set unit = 'd' then" in find_refusal(tmp_path, path, MAP)
+    assert_right(import_by(tmp_path, path, MAP.replace('"s"', '"d"')))
+    fast = save(tmp_path, make_rows(times=[1e-5 * t for t in TIME]))
+    assert_right(import_by(tmp_path, fast, MAP.replace('"s" }', '"s", scale = 1e5 }', 1)))
+    np.testing.assert_allclose(import_by(tmp_path, fast, MAP)["time_s"], 1e-5 * TIME, atol=1e-15)
+
+
 def test_an_elapsed_time_goes_on_above_24_hours(tmp_path: Path) -> None:
     def format_elapsed(book: Any, sheet: Any) -> None:
         for n in range(ROWS):
