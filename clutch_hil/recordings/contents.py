@@ -268,6 +268,7 @@ def _simplify_name(name: str) -> str:
 
 
 def _choose_unused_name(stem: str, end: str, names: set[str]) -> str:
+    stem = stem.removesuffix(f"_{end}") or stem  # `pressure_bar` in mbar
     if (name := f"{stem}_{end}") not in names:
         return name
     return next(text for k in range(2, len(names) + 3) if (text := f"{stem}_{k}_{end}") not in names)
