@@ -14,6 +14,7 @@ from clutch_hil.thesis.clutch.clutch_response import THESIS_BANDWIDTH, Response,
 from protocols.errors import InputError
 
 ROOT = Path(__file__).parents[3]
+THESIS = ROOT / "clutch_hil" / "thesis"
 TELLING = (
     "docs/results.md",
     "docs/rig.md",
@@ -74,9 +75,14 @@ def test_the_width_of_the_loop_is_signed() -> None:
 # --- the rig under its controller ------------------------------------------------------------------------------------
 
 
-def test_no_reproduction_regulates_the_clutch_itself() -> None:
-    folder = ROOT / "plant_sim" / "reproduce"
-    assert not [path.name for path in folder.glob("*.py") if ".advance(" in path.read_text(encoding="utf-8")]
+@pytest.mark.parametrize(
+    "words", [".advance(", "wet_clutch_regulated", "rt_controller.law", "plant_sim.node.plant_turn"]
+)
+def test_no_reproduction_regulates_the_clutch_itself(words: str) -> None:
+    """Nor steps the plant: plant and controller are played as a whole, by `run_experiment` or a bench."""
+    texts = {path: path.read_text(encoding="utf-8") for path in THESIS.rglob("*.py")}
+    assert THESIS / "clutch" / "clutch_experiments.py" in texts
+    assert not [path.name for path, text in texts.items() if words in text]
 
 
 def test_a_record_begins_settled_and_has_the_demand_sample_by_sample() -> None:
