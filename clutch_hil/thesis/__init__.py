@@ -5,7 +5,7 @@ Names are `figure-2.12` and `table-6.1`, or `fig 2.12`; a bare `2.12` means the 
 """
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -63,7 +63,13 @@ class Entry:
     @property
     def contradiction(self) -> str:
         """Why the claim is known not to hold; empty if it is not."""
-        return CONTRADICTED.get(self.name, "")
+        known = CONTRADICTED.get(self.name)
+        return known.reason if known else ""
+
+    def list_news(self, failed: Sequence[str]) -> list[str]:
+        """List the `failed` statements that are not known to fail, and the known ones that no longer do."""
+        known = CONTRADICTED.get(self.name)
+        return known.list_news(failed) if known else list(failed)
 
 
 _ENTRIES: dict[str, Entry] = {}

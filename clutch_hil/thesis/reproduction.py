@@ -38,13 +38,20 @@ class Result:
 
     @property
     def is_as_known(self) -> bool:
-        """Whether the claim holds, or is known not to hold."""
-        return self.holds != bool(self.entry.contradiction)
+        """Whether the claim holds, or fails in the checks that are known to fail and in no other."""
+        return not self._news and bool(self.sheet.checks)
+
+    @property
+    def _news(self) -> list[str]:
+        return self.entry.list_news([check.statement for check in self.sheet.checks if not check.holds])
 
     @property
     def verdict(self) -> str:
-        """Holds or not, the claim, and the reason if it is known not to hold."""
-        reason = f" (known: {self.entry.contradiction})" if self.entry.contradiction else ""
+        """Holds or not, the claim, and if it is known not to hold the reason, and what differs from what is known."""
+        reason = ""
+        if self.entry.contradiction:
+            news = f"; other than known: {'; '.join(self._news)}" if self._news else ""
+            reason = f" (known: {self.entry.contradiction}{news})"
         return f"{'holds' if self.holds else 'does not hold'}: {self.entry.claim}{reason}"
 
     def make_document(self) -> dict[str, Any]:

@@ -14,13 +14,14 @@ import numpy as np
 
 from clutch_hil.thesis import register_reproduction
 from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label_axes
-from plant_sim.friction.rayleigh_step import threshold_sliding
+from plant_sim.friction.rayleigh_step import load_and_rate, threshold_sliding
 from plant_sim.friction.step_bearing import StepBearing
 
 ALPHA, SLOPE = 1.5, 1e-3  # -, dh/L [-]; chosen, see above
 ASYMPTOTE = threshold_sliding(ALPHA, 1.0)  # Lambda/W, 0.8
 SAMPLES = 1000  # a cycle; chosen: the loops look smooth
 CYCLES = 60  # until the motion repeats to 1e-6
+CLOSED_GAP = 1e-6  # -, h of a film that is almost closed; chosen: its load is 3 h below that at h = 0
 START = ASYMPTOTE + 2e-3  # Lambda/W where the loops begin; chosen: just above the asymptote, where friction is infinite
 NUMBER_LABEL = r"$\Lambda/W$ [-]"
 FRICTION_LABEL = r"$F_f$ [Pa]"
@@ -245,10 +246,13 @@ def reproduce_figure_2_17(sheet: Sheet) -> None:
     axes.set_ylim(0.0, 0.8)
     axes.legend()
     label_axes(axes, r"$\Lambda$ [Pa]", FRICTION_LABEL)
-    error = float(np.abs(np.array(least) - [threshold_sliding(ALPHA, load) for load in LOADS]).max())
+    error = float(np.abs(np.array(least) - 2.0 * np.array(LOADS) / (1.0 + ALPHA)).max())  # 2.52
     sheet.check(
         "least Lambda that carries W is 0.8 W, to the grid of 2e-4 Pa", error < 1.01 * grid, least, "2 W/(1 + alpha)"
     )
+    closed = [load_and_rate(ALPHA, CLOSED_GAP, 2.0 * load / (1.0 + ALPHA), 0.0, 0.0, 0.0)[0] / load for load in LOADS]
+    sheet.check("the load of a film at that Lambda, almost closed, over W, is 1 within 1e-5",
+                float(np.abs(np.array(closed) - 1.0).max()) < 1e-5, closed, "contact, h to 0")  # fmt: skip
 
 
 @register_reproduction(

@@ -12,6 +12,8 @@ from clutch_hil.thesis.clutch.clutch_response import measure_response
 from clutch_hil.thesis.clutch.clutch_stationary import fit_stationary, stationary_torque
 from protocols.files.units import RPM
 
+WIDEST = 0.05  # half width of an interval of C, of C; chosen: 2.7 % is measured; without lag it is 2e4 of C
+
 
 @register_reproduction(
     "figure-6.3",
@@ -50,14 +52,22 @@ def reproduce_figure_6_3(sheet: Sheet) -> None:
     axes[2].errorbar(pressures, values, half, fmt="o", ms=4, capsize=3)
     axes[2].set_ylim(60, 80)
     label_axes(axes[2], "pressure [bar]", "attraction C [1/s]", "tangential dynamics, identified, 95 %")
-    weights = 1.0 / half**2
-    mean = float((values * weights).sum() / weights.sum())
-    sheet.check("one C lies in the 95 % intervals at 2.9, 3.4 and 4.0 bar [1/s]", bool(np.all(np.abs(values - mean) <= half)),
-                values, "tangential dynamics independent of pressure")  # fmt: skip
+    check_one_attraction(sheet, values, half)
     high = PRESSURES >= 3.2
     apart = np.ptp(fits.parts[2, high]) * float(np.exp(-fits.common[0] / (250 * RPM)))  # eq. 6.2: they differ by beta
     sheet.check("normalised curves of 3.2 to 4.2 bar within 2 % of each other up to 250 rpm [%]", apart < 0.02, 100 * apart,
                 "normalised; below that beta depends on pressure")  # fmt: skip
+
+
+def check_one_attraction(sheet: Sheet, values: np.ndarray, half: np.ndarray) -> None:
+    """Check that one C is in the 95 % intervals `values` +- `half` [1/s] (3,), and that these are narrow enough to tell."""
+    weights = 1.0 / half**2
+    mean = float((values * weights).sum() / weights.sum())
+    sheet.check(
+        f"one C lies in the 95 % intervals at 2.9, 3.4 and 4.0 bar, of {WIDEST:.0%} of it at most either way [1/s]",
+        bool(np.all(np.abs(values - mean) <= half) and half.max() <= WIDEST * mean), values,
+        "tangential dynamics independent of pressure",
+    )  # fmt: skip
 
 
 def _compute_printed_rate(pressure: float, slip: float) -> float:

@@ -114,6 +114,10 @@ def reproduce_figure_5_1(sheet: Sheet) -> None:
                 "non-local memory")  # fmt: skip
 
 
+# accelerating over decelerating; chosen: the step between two samples makes 1.00006 of it without any lag
+LEAST_LAG = 1.02
+
+
 @register_reproduction(
     "figure-5.4",
     "Friction over velocity of ten elements under a sinusoidal position",
@@ -144,7 +148,8 @@ def reproduce_figure_5_4(sheet: Sheet) -> None:
     quarter = samples // 4
     up = np.interp(0.3, velocity[:quarter], force[:quarter])
     down = np.interp(-0.3, -velocity[quarter:half], force[quarter:half])
-    sheet.check("at v = 0.3 friction accelerating exceeds friction decelerating", up > down, [up, down], "lag")
+    sheet.check("at v = 0.3 friction accelerating exceeds friction decelerating by 2 % or more", up > LEAST_LAG * down,
+                [up, down], "lag")  # fmt: skip
     top = int(np.argmax(force[:quarter]))
     after = float(force[top:quarter].min())
     sheet.check("friction falls from its break-away peak by more than 10 % while the speed grows", after < 0.9 * force[top],
@@ -201,11 +206,12 @@ def reproduce_figure_5_9(sheet: Sheet) -> None:
         distances = [float(np.sqrt(np.mean((force - static) ** 2))) for _, force in shown]
         grows = bool(np.all(np.diff(distances) > 0.0))
         sheet.check(f"{name}: rms distance from the Stribeck curve grows with the frequency", grows, distances, "grows")
-        half = len(static) // 2
-        ratios = [float(force[:half].mean() / force[half:].mean()) for _, force in shown]
+        speeds = shown[0][0]
+        rising = np.roll(speeds, -1) > np.roll(speeds, 1)
+        ratios = [float(force[rising].mean() / force[~rising].mean()) for _, force in shown]
         sheet.check(
-            f"{name}: mean friction accelerating over decelerating is above 1",
-            min(ratios) > 1.0,
+            f"{name}: mean friction accelerating over decelerating is above {LEAST_LAG:g}",
+            min(ratios) > LEAST_LAG,
             ratios,
             "higher accelerating",
         )

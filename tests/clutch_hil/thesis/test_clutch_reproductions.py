@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutch_hil.thesis.clutch import clutch_lag, table_6_6
+from clutch_hil.thesis.check_sheet import Sheet
+from clutch_hil.thesis.clutch import clutch_dynamics, clutch_lag, table_6_6
 from clutch_hil.thesis.clutch.clutch_experiments import SLOW_RATE, list_cooling_changes, load_nominal, run_experiment
 from clutch_hil.thesis.clutch.clutch_fit import TOLERANCE
 from clutch_hil.thesis.clutch.clutch_lag import ATTRACTION, LARGEST_ERROR, run_online_estimate
@@ -121,3 +122,20 @@ def test_a_step_that_is_never_reached_has_no_rise_time(monkeypatch: pytest.Monke
     rise, overshoot = measure_stepping(np.full(4000, 8.9), monkeypatch)
     assert np.isnan(rise)
     assert overshoot == pytest.approx(-1.1)
+
+
+# --- figure 6.3 ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "half", "holds"),
+    [
+        ((69.7, 69.6, 68.8), (1.9, 0.8, 0.5), True),  # as measured
+        ((69.7, 69.6, 75.0), (1.9, 0.8, 0.5), False),  # another C at 4 bar
+        ((15369.0, 16654.0, 18570.0), (3e8, 5e8, 1e9), False),  # a plant without lag: any C is in these intervals
+    ],
+)
+def test_one_attraction_is_told_only_by_narrow_intervals(values: tuple, half: tuple, holds: bool) -> None:
+    sheet = Sheet()
+    clutch_dynamics.check_one_attraction(sheet, np.array(values), np.array(half))
+    assert sheet.holds is holds

@@ -13,6 +13,7 @@ import pytest
 from clutch_hil.thesis import Entry, find_entry, load_entries, register_reproduction
 from clutch_hil.thesis.check_sheet import Sheet
 from clutch_hil.thesis.contradictions import CONTRADICTED
+from clutch_hil.thesis.control_models import gms
 from clutch_hil.thesis.markdown_page import (
     PAGE,
     PICTURED_ENTRIES,
@@ -23,6 +24,7 @@ from clutch_hil.thesis.markdown_page import (
 )
 from clutch_hil.thesis.measured_data import MissingDataError
 from clutch_hil.thesis.reproduction import Result, format_checks, run, run_all
+from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 from tests import needs
 from tests.processes import play_here
@@ -101,6 +103,15 @@ def test_the_page_tells_every_entry_and_no_other() -> None:
     assert all((PICTURES / f"{name}.png").stat().st_size > 10_000 for name in PICTURED_ENTRIES)
 
 
+@pytest.mark.parametrize("name", ["figure-5.4", "figure-5.9"])
+def test_friction_that_does_not_lag_has_no_lag(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sample is made in a step, so that a loop is open by a step even without lag: that is no lag."""
+    monkeypatch.setattr(gms, "XGMS", lambda *given, attraction, **kept: XGMS(*given, **kept))
+    sheet = Sheet()
+    ENTRIES[name].run(sheet)
+    assert any("accelerating" in check.statement and not check.holds for check in sheet.checks)
+
+
 @pytest.mark.parametrize(
     ("kept", "now", "same"),
     [
@@ -142,6 +153,27 @@ def test_a_number_means_the_figure_or_the_table() -> None:
 
 def test_every_known_contradiction_has_its_entry() -> None:
     assert CONTRADICTED.keys() <= ENTRIES.keys()
+
+
+def judge(name: str, failing: list[str]) -> Result:
+    """The result of the entry `name` with one check that holds and those that do not."""
+    sheet = Sheet()
+    sheet.check("what holds", True)
+    for statement in failing:
+        sheet.check(statement, False)
+    return Result(ENTRIES[name], sheet, None, 0.0)
+
+
+@pytest.mark.parametrize("name", CONTRADICTED)
+def test_a_contradicted_claim_is_as_known_only_if_the_known_checks_fail_and_no_other(name: str) -> None:
+    known = [f"{begin} and so on" for begin in CONTRADICTED[name].failing]
+    assert judge(name, known).is_as_known
+    assert "other than known" not in judge(name, known).verdict
+    for failing, news in (([*known, "what held"], "what held"), (known[1:], CONTRADICTED[name].failing[0])):
+        result = judge(name, failing)
+        assert not result.is_as_known
+        assert f"; other than known: {news})" in result.verdict
+    assert not judge(name, []).is_as_known  # it holds now: the contradiction is out of date
 
 
 def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
