@@ -19,27 +19,30 @@ from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
 from plant_sim.friction.dahl import Dahl
+from plant_sim.friction.describing_function import DescribingFunction, describing_function
 from plant_sim.friction.elasto_plastic import ElastoPlastic
 from plant_sim.friction.generic import DynamicGenericModel, FixedSeparationModel, GenericModel
 from plant_sim.friction.generic_rayleigh import GenericRayleighModel
 from plant_sim.friction.gms import GMS
+from plant_sim.friction.identification.stribeck_fit import FittedStribeck, fit_stribeck
 from plant_sim.friction.leuven import Leuven
 from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import Amontons, LoadLaw
 from plant_sim.friction.lugre import LuGre
 from plant_sim.friction.maxwell_slip import MaxwellSlip
-from plant_sim.friction.model import Array, FrictionModel, Trace
+from plant_sim.friction.model import Array, FrictionModel, Trace, require_type
 from plant_sim.friction.passive_xgms import PassiveXGMS
+from plant_sim.friction.sliding_response import SlidingResponse
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.tip_film import GapThreshold, SlidingThreshold, TipFilm
 from plant_sim.friction.xgms import XGMS
 
 __all__ = [
-    "GMS", "XGMS", "Amontons", "Asperities", "Coulomb", "CounterSurface", "Dahl", "DynamicGenericModel", "ElastoPlastic",
-    "FixedSeparationModel", "FlatSurface", "FrictionModel", "GapThreshold", "GenericModel", "GenericRayleighModel",
-    "IdentifiedLiftUp", "Leuven", "LiftRecord", "LiftUp", "LiftingXGMS", "LoadLaw", "LuGre", "MaxwellSlip", "PassiveXGMS",
-    "SlidingThreshold", "StickTimeFriction", "Stribeck", "TipFilm", "Trace", "identify_lift_up",
-    "read_lift_up", "simulate",
+    "GMS", "XGMS", "Amontons", "Asperities", "Coulomb", "CounterSurface", "Dahl", "DescribingFunction", "DynamicGenericModel",
+    "ElastoPlastic", "FittedStribeck", "FixedSeparationModel", "FlatSurface", "FrictionModel", "GapThreshold", "GenericModel",
+    "GenericRayleighModel", "IdentifiedLiftUp", "Leuven", "LiftRecord", "LiftUp", "LiftingXGMS", "LoadLaw", "LuGre",
+    "MaxwellSlip", "PassiveXGMS", "SlidingResponse", "SlidingThreshold", "StickTimeFriction", "Stribeck", "TipFilm", "Trace",
+    "describing_function", "fit_stribeck", "identify_lift_up", "read_lift_up", "simulate",
 ]  # fmt: skip
 
 
@@ -53,4 +56,5 @@ def simulate(
 
     Return `force` [N] (n,) and `state` (n, m) at every sample. Raises InputError.
     """
+    require_type("model", model, FrictionModel)
     return model.trace(position, dt, load, state)  # type: ignore[arg-type]  # `trace` checks its arguments

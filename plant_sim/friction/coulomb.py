@@ -15,6 +15,7 @@ import numpy as np
 
 from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, require_type
+from plant_sim.friction.sliding_response import SlidingResponse, require_sliding
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 
@@ -57,3 +58,7 @@ class Coulomb(FrictionModel):
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Return S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)
+
+    def linearise(self, velocity: float, load: float = 1.0) -> SlidingResponse:
+        """Return the response to small changes of the speed in sliding at `velocity` [m/s], not 0. Raises InputError."""
+        return SlidingResponse(*map(float, self.stribeck.slopes(require_sliding(velocity))))

@@ -19,6 +19,7 @@ import numpy as np
 
 from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, ElementModel, check_element_values, require, require_type
+from plant_sim.friction.sliding_response import SlidingResponse, require_sliding
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
 
@@ -95,6 +96,12 @@ class GMS(ElementModel):
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Return S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)
+
+    def linearise(self, velocity: float, load: float = 1.0) -> SlidingResponse:
+        """Return the response to small changes of the speed in sliding at `velocity` [m/s], not 0. Raises InputError."""
+        velocity = require_sliding(velocity)
+        falling, viscous = map(float, self.stribeck.slopes(velocity))
+        return SlidingResponse(falling, viscous, abs(float(self.stribeck.s(velocity))) / self.attraction)  # 5.4
 
 
 def check_elements(stiffness: object, weights: object) -> tuple[Array, Array]:

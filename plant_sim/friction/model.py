@@ -14,6 +14,7 @@ from protocols.errors import InputError
 
 Array = np.ndarray
 LARGEST = float(np.finfo(float).max)
+FASTEST = 1e15  # m/s, of one sample; chosen: far above any motion, and its tenth power, the highest exponent, is finite
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class FrictionModel(ABC):
         """Return the force [N] and new state after `displacement` [m] in `dt` [s] under `load` [N]. Raises InputError."""
         require("displacement", displacement, least=-LARGEST, unit="m")
         require("time step", dt, above=0.0, unit="s")
+        require("speed of the step", abs(float(displacement)) / float(dt), most=FASTEST, unit="m/s")
         require("load", load, least=0.0, unit="N")
         new_state = self.start(state, load)
         force = self.law(self.parameters, new_state, float(displacement), float(dt), float(load), new_state)
@@ -73,6 +75,9 @@ class FrictionModel(ABC):
         """
         position, loads = check_motion(position, load)
         require("time step", dt, above=0.0, unit="s")
+        with np.errstate(over="ignore"):
+            fastest = float(np.abs(np.diff(position)).max(initial=0.0)) / float(dt)
+        require("speed between two samples", fastest, most=FASTEST, unit="m/s")
         first = self.start(state, float(loads[0]))
         force, states = np.empty(position.size), np.empty((position.size, first.size))
         kernel.trace(self.law, self.parameters, first, position, float(dt), loads, force, states)
@@ -88,7 +93,7 @@ class ElementModel(FrictionModel):
 
     def forces(self, state: Array) -> Array:
         """Return the element forces F_i [N] of `state` (m,) or (k, m)."""
-        return state[..., : self.stiffness.size]
+        return np.asarray(state, float)[..., : self.stiffness.size]
 
     def energy(self, state: Array) -> Array:
         """Return the energy in the springs [J] of `state` (m,) or (k, m)."""
@@ -132,6 +137,13 @@ def check_real(name: str, values: object) -> Array:
         raise InputError(f"{name} is {values!r:.60}; allowed are numbers") from None
     if not np.isfinite(array).all():
         raise InputError(f"{name} holds {array[~np.isfinite(array)][0]:g}; allowed are finite numbers")
+    return array
+
+
+def check_velocity(velocity: object) -> Array:
+    """Return `velocity` [m/s] as float64, any shape, all within FASTEST. Raises InputError."""
+    array = check_real("velocity", velocity)
+    require("highest speed", float(np.abs(array).max(initial=0.0)), most=FASTEST, unit="m/s")
     return array
 
 

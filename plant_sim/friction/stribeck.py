@@ -16,7 +16,9 @@ from math import exp
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.model import Array, require
+from plant_sim.friction.model import Array, check_velocity, require
+
+FLAT = 700.0  # V_S/|v|, above which exp(-V_S/|v|) is 0 in double precision beside any power of it
 
 
 @njit(inline="always")
@@ -73,16 +75,30 @@ class Stribeck:
         return self.static_force * max(1.0, self.beta)
 
     def s(self, velocity: Array | float) -> Array:
-        """Return the part that lags, s(v) [N], with the sign of v."""
-        velocity = np.asarray(velocity, float)
+        """Return the part that lags, s(v) [N], with the sign of v. Raises InputError."""
+        velocity = check_velocity(velocity)
         with np.errstate(divide="ignore"):
             decay = np.exp(-self.stribeck_velocity / np.abs(velocity))
         return np.sign(velocity) * self.static_force * (1.0 + (self.beta - 1.0) * decay)  # 1.5
 
     def f(self, velocity: Array | float) -> Array:
-        """Return the viscous part, f(v) [N], with the sign of v."""
+        """Return the viscous part, f(v) [N], with the sign of v. Raises InputError."""
+        velocity = check_velocity(velocity)
         return np.sign(velocity) * self.viscous * np.abs(velocity) ** self.exponent  # 1.4
 
+    def slopes(self, velocity: Array | float) -> tuple[Array, Array]:
+        """Return ds/dv and df/dv [Ns/m] at `velocity` [m/s], same shape, not 0; negative where friction falls with the speed.
+
+        Raises InputError.
+        """
+        speed = np.abs(check_velocity(velocity))
+        require("least speed", float(speed.min(initial=np.inf)), above=0.0, most=np.inf, unit="m/s")
+        with np.errstate(over="ignore", invalid="ignore"):
+            times = self.stribeck_velocity / speed  # of V_S
+            steepness = np.where(times < FLAT, times / speed * np.exp(-times), 0.0)
+        falling = self.static_force * (self.beta - 1.0) * steepness  # d/dv of 1.5
+        return falling, self.viscous * self.exponent * speed ** (self.exponent - 1.0)  # d/dv of 1.4
+
     def __call__(self, velocity: Array | float) -> Array:
-        """Return S(v) = s(v) + f(v) [N]; 0 at velocity 0."""
+        """Return S(v) = s(v) + f(v) [N] at `velocity` [m/s], any shape; 0 at velocity 0. Raises InputError."""
         return self.s(velocity) + self.f(velocity)

@@ -22,8 +22,9 @@ from numba import njit
 from plant_sim.friction.gms import check_elements
 from plant_sim.friction.kernel import law
 from plant_sim.friction.load_law import Amontons, LoadLaw, static_force
-from plant_sim.friction.model import Array, ElementModel, require, require_type
-from plant_sim.friction.stribeck import relative_level, viscous_force
+from plant_sim.friction.model import Array, ElementModel, check_velocity, require, require_type
+from plant_sim.friction.sliding_response import SlidingResponse, require_sliding
+from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 HEADER_SIZE = 8  # parameters before those of the elements
 
@@ -115,8 +116,18 @@ class XGMS(ElementModel):
 
     def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
         """Return S(v, F_s) [N] (eq 4.1)."""
-        velocity = np.asarray(velocity, float)
+        velocity = check_velocity(velocity)
         speed = np.abs(velocity)
         with np.errstate(divide="ignore"):
             relative = 1.0 + (self.beta - 1.0) * np.exp(-self.stribeck_velocity / speed)
         return np.sign(velocity) * self.friction(load) * (relative + self.viscous * speed**self.exponent)  # 4.1
+
+    def linearise(self, velocity: float, load: float = 1.0) -> SlidingResponse:
+        """Return the response to small changes of the speed in sliding at `velocity` [m/s], not 0. Raises InputError."""
+        velocity = require_sliding(velocity)
+        require("load", load, least=0.0, unit="N")
+        curve = Stribeck(1.0, self.beta, self.stribeck_velocity, self.viscous, self.exponent)  # normalised, sec. 6.2.3
+        static, (falling, viscous) = float(self.friction(load)), map(float, curve.slopes(velocity))
+        return SlidingResponse(
+            static * falling, static * viscous, abs(float(curve.s(velocity))) / self.attraction
+        )  # 6.9

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from plant_sim.friction.identification.least_squares import Estimate, minimise
 from plant_sim.friction.identification.virgin_curve import check_pair
 from plant_sim.friction.load_law import LoadLaw
-from plant_sim.friction.model import Array, require
+from plant_sim.friction.model import Array, check_real, require
 from plant_sim.friction.stribeck import Stribeck
 from protocols.errors import InputError
 
@@ -139,6 +139,29 @@ def fit_least_squares(
     """Fit `law` to `x` (n,), `y` (n,) by bounded least squares, with 95 % intervals; arguments as `fit_by_simplex`."""
     free, begin, bounds, fixed, x, y = _check_inputs(law, x, y, start, frozen)
     return minimise(_make_residual(law, free, fixed, x, y), free, begin[None, :], bounds, fixed)
+
+
+@dataclass(frozen=True)
+class FittedStribeck:
+    """A Stribeck `curve` fitted to points, and the `estimate` of its parameters: 95 % intervals, `doubts`, `rmse` [N]."""
+
+    curve: Stribeck
+    estimate: Estimate
+
+
+def fit_stribeck(speed: object, force: object, frozen: Mapping[str, float] | None = None) -> FittedStribeck:
+    """Fit eq 1.4 to measured points of steady sliding by bounded least squares.
+
+    `speed` [m/s] (n,), not 0, and `force` [N] (n,). The curve is odd: a point at a negative speed counts as its mirror image.
+    `frozen` keeps parameters, such as {"exponent": 1.0}; their names are those of `Stribeck`. Raises InputError.
+    """
+    speeds, forces = check_real("speed [m/s]", speed), check_real("force [N]", force)
+    if speeds.ndim != 1 or speeds.shape != forces.shape:
+        raise InputError(
+            f"speed has shape {speeds.shape} and force {forces.shape}; they must be vectors of equal length"
+        )
+    estimate = fit_least_squares(STRIBECK, np.abs(speeds), np.sign(speeds) * forces, frozen=frozen)
+    return FittedStribeck(Stribeck(*(estimate[name] for name in STRIBECK.names)), estimate)
 
 
 def _make_residual(

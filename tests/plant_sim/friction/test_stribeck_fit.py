@@ -11,6 +11,7 @@ from plant_sim.friction.identification.stribeck_fit import (
     SteadyLaw,
     fit_by_simplex,
     fit_least_squares,
+    fit_stribeck,
 )
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.stribeck import Stribeck
@@ -178,3 +179,34 @@ def test_a_curve_that_rises_from_rest_is_found() -> None:
     low, high = result.intervals[1]
     assert low < 1.3 < high
     assert result.rmse < 0.01
+
+
+def test_points_of_both_directions_make_one_curve() -> None:
+    """A table of speed and force as a user has it: any order, both signs."""
+    speed = np.geomspace(1e-3, 1.0, 60) * np.where(np.arange(60) % 3 == 0, -1.0, 1.0)
+    truth = Stribeck(2.0, 0.6, 0.02, 0.4, 0.7)
+    force = truth(speed) + np.random.default_rng(0).normal(0.0, 0.005, speed.size)
+    fitted = fit_stribeck(speed.tolist(), force.tolist())
+    assert fitted.estimate.contains(dict(zip(STRIBECK.names, truth.block, strict=True))).all()
+    assert fitted.curve(0.1) == pytest.approx(truth(0.1), rel=0.01)
+    np.testing.assert_array_equal(fitted.curve(-speed), -fitted.curve(speed))
+    np.testing.assert_allclose(fit_stribeck(-speed, -force).estimate.values, fitted.estimate.values, rtol=1e-9)
+    linear = fit_stribeck(speed, force, frozen={"exponent": 1.0})
+    assert linear.curve.exponent == 1.0
+    assert linear.estimate.rmse > fitted.estimate.rmse
+
+
+@pytest.mark.parametrize(
+    ("speed", "force", "sentence"),
+    [
+        ([1.0, 2.0], [1.0], "speed has shape (2,) and force (1,); they must be vectors of equal length"),
+        ([0.0, 1.0, 2.0, 3.0, 4.0, 5.0], np.ones(6), "has a point at 0; allowed are points above 0"),
+        (np.arange(1.0, 7.0), -np.ones(6), "mean force -1; allowed is above 0"),
+        (["slow"], [1.0], "speed [m/s] is ['slow']; allowed are numbers"),
+        ([1.0], [1.0], "measured curve has 1 points; 6 or more are needed"),
+    ],
+)
+def test_a_table_that_is_no_curve_is_refused(speed: object, force: object, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        fit_stribeck(speed, force)
+    assert sentence in str(caught.value)
