@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim.friction.mindlin import stiffness_ratio
-from plant_sim.friction.model import Array, check_element_values, require
+from plant_sim.friction.model import Array, check_element_values, check_real, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
@@ -32,8 +32,10 @@ class StickTimeFriction:
         require("time constant tau_t", self.tau, above=0.0, unit="s")
 
     def __call__(self, stick_time: Array | float) -> Array:
-        """Return the coefficient [-] after `stick_time`, same shape (eq 2.2)."""
-        return self.mu_0 - (self.mu_inf - self.mu_0) * np.expm1(-np.asarray(stick_time, float) / self.tau)  # 2.2
+        """Return the coefficient [-] after `stick_time` [s] of 0 or more, same shape (eq 2.2). Raises InputError."""
+        times = check_real("time in stick", stick_time)
+        require("least time in stick", float(times.min(initial=0.0)), least=0.0, unit="s")
+        return self.mu_0 - (self.mu_inf - self.mu_0) * np.expm1(-times / self.tau)  # 2.2
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from math import exp
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.model import Array, FrictionModel, check_velocity, require
 
 
 @law
@@ -62,4 +62,4 @@ class Dahl(FrictionModel):
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Return F_C with the sign of the velocity [N]."""
-        return self.coulomb_force * np.sign(velocity)
+        return self.coulomb_force * np.sign(check_velocity(velocity))

@@ -23,7 +23,7 @@ from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.kernel import law
 from plant_sim.friction.lugre import LuGre
-from plant_sim.friction.model import Array, FrictionModel, require, require_type
+from plant_sim.friction.model import Array, FrictionModel, check_real, check_velocity, require, require_type
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 
@@ -107,7 +107,7 @@ class Directed(FrictionModel):
 
     def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
         """Return the force [N] after long sliding at `velocity` [m/s], same shape."""
-        velocity = np.asarray(velocity, float)
-        loads = np.asarray(load, float) + self.preload
+        velocity = check_velocity(velocity)
+        loads = check_real("load", load) + self.preload
         forwards, backwards = (one.steady_state(velocity, loads) for one in (self.up, self.down))  # type: ignore[arg-type]
         return np.where(velocity >= 0.0, forwards, backwards)

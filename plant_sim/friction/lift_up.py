@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, require, require_type
+from plant_sim.friction.model import Array, FrictionModel, check_real, check_velocity, require, require_type
 from plant_sim.friction.xgms import HEADER_SIZE as TANGENTIAL_HEAD
 from plant_sim.friction.xgms import XGMS, xgms
 from protocols.errors import InputError
@@ -148,11 +148,12 @@ class LiftingXGMS(FrictionModel):
 
     def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
         """Return S(v, F_s) [N] under the load that the lift-up force leaves."""
-        return self.tangential.steady_state(velocity, np.maximum(load - self.steady_lift_force(velocity), 0.0))
+        loads = check_real("load", load)
+        return self.tangential.steady_state(velocity, np.maximum(loads - self.steady_lift_force(velocity), 0.0))
 
     def steady_lift_force(self, velocity: Array | float) -> Array:
         """Return F_N(v) [N] (fig E.1), same shape as `velocity` [m/s]."""
-        return self.normal.highest * -np.expm1(-np.abs(velocity) / self.normal.speed_scale)
+        return self.normal.highest * -np.expm1(-np.abs(check_velocity(velocity)) / self.normal.speed_scale)
 
     def lift_force(self, state: Array) -> Array:
         """Return the sum of the lift-up forces [N] of `state` (m,) or (k, m)."""

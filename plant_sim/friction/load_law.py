@@ -14,7 +14,7 @@ from math import exp
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.model import Array, require
+from plant_sim.friction.model import Array, check_real, require
 
 
 @njit(inline="always")
@@ -46,8 +46,8 @@ class LoadLaw:
         return (self.coefficient, 1.0 / self.a_2, self.load_scale)
 
     def __call__(self, load: Array | float) -> Array:
-        """Return F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
-        load = np.maximum(load, 0.0)
+        """Return F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0). Raises InputError."""
+        load = np.maximum(check_real("load", load), 0.0)
         coefficient, fall, scale = self.block
         with np.errstate(divide="ignore", over="ignore"):
             return load * coefficient * (1.0 - fall * np.exp(-scale / load))  # 4.2
@@ -68,5 +68,5 @@ class Amontons:
         return (self.coefficient, 0.0, 1.0)
 
     def __call__(self, load: Array | float) -> Array:
-        """Return F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
-        return self.coefficient * np.maximum(load, 0.0)
+        """Return F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0). Raises InputError."""
+        return self.coefficient * np.maximum(check_real("load", load), 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, ElementModel, check_element_values
+from plant_sim.friction.model import Array, ElementModel, check_element_values, check_velocity
 from protocols.errors import InputError
 
 
@@ -66,5 +66,5 @@ class MaxwellSlip(ElementModel):
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Return the sum of the limits with the sign of the velocity [N]."""
-        total = self.limits.sum()
-        return np.where(np.asarray(velocity) == 0.0, 0.0, np.copysign(total, velocity))
+        velocity, total = check_velocity(velocity), self.limits.sum()
+        return np.where(velocity == 0.0, 0.0, np.copysign(total, velocity))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.friction.model import Array, require
+from plant_sim.friction.model import Array, check_real, require, require_type
 from protocols.errors import InputError
 
 
@@ -49,7 +49,10 @@ class Material:
 
 @dataclass(frozen=True)
 class SphereOnFlat:
-    """Sphere of `radius` R [m] and material `sphere` on a flat of material `flat`. Loads W [N] may be arrays."""
+    """Sphere of `radius` R [m] and material `sphere` on a flat of material `flat`. Loads W [N] may be arrays.
+
+    It and its methods raise InputError: loads are 0 or more, those under a tangential force above 0.
+    """
 
     radius: float
     sphere: Material
@@ -57,6 +60,8 @@ class SphereOnFlat:
 
     def __post_init__(self) -> None:
         require("radius", self.radius, above=0.0, unit="m")
+        for name in ("sphere", "flat"):
+            require_type(f"material of the {name}", getattr(self, name), Material)
 
     @property
     def plane_modulus(self) -> float:
@@ -70,7 +75,7 @@ class SphereOnFlat:
 
     def contact_radius(self, load: Array | float) -> Array:
         """Return the radius a [m] of the contact."""
-        return np.cbrt(3.0 * np.asarray(load, float) * self.radius / (4.0 * self.plane_modulus))
+        return np.cbrt(3.0 * _check_loads(load) * self.radius / (4.0 * self.plane_modulus))
 
     def deflection(self, load: Array | float) -> Array:
         """Return the normal approach delta [m]."""
@@ -78,7 +83,7 @@ class SphereOnFlat:
 
     def load(self, deflection: Array | float) -> Array:
         """Return the normal load W [N] at the approach `deflection` [m]; 0 without contact."""
-        depth = np.maximum(deflection, 0.0)
+        depth = np.maximum(check_real("approach", deflection), 0.0)
         return 4.0 / 3.0 * self.plane_modulus * np.sqrt(self.radius) * depth**1.5
 
     def normal_stiffness(self, load: Array | float) -> Array:
@@ -86,28 +91,32 @@ class SphereOnFlat:
         return 2.0 * self.plane_modulus * self.contact_radius(load)
 
     def tangential_stiffness(self, load: Array | float, mu: float = 1.0, force: Array | float = 0.0) -> Array:
-        """Return the local tangential stiffness dQ/ddelta_t [N/m] at the tangential `force` Q [N]; full stick at Q = 0.
-
-        Raises InputError.
-        """
+        """Return the local tangential stiffness dQ/ddelta_t [N/m] at the tangential `force` Q [N]; full stick at Q = 0."""
         return 8.0 * self.tangential_modulus * self.contact_radius(load) * np.cbrt(1.0 - _utilisation(load, mu, force))
 
     def tangential_deflection(self, load: Array | float, mu: float, force: Array | float) -> Array:
         """Return the tangential displacement delta_t [m] under `force` Q [N], applied from rest.
 
         Gross sliding begins at Q = mu W.
-
-        Raises InputError.
         """
         left = 1.0 - _utilisation(load, mu, force)
-        scale = 3.0 * mu * np.asarray(load, float) / (16.0 * self.contact_radius(load) * self.tangential_modulus)
+        scale = 3.0 * mu * check_real("load", load) / (16.0 * self.contact_radius(load) * self.tangential_modulus)
         return scale * (1.0 - np.cbrt(left) ** 2)
+
+
+def _check_loads(load: object) -> Array:
+    """Return the loads [N], checked to be 0 or more."""
+    loads = check_real("load", load)
+    require("least load", float(loads.min(initial=0.0)), least=0.0, unit="N")
+    return loads
 
 
 def _utilisation(load: Array | float, mu: float, force: Array | float) -> Array:
     """Return Q/(mu W) [-], checked to be within 0..1."""
     require("friction coefficient", mu, above=0.0)
-    used = np.asarray(force, float) / (mu * np.asarray(load, float))
+    loads = _check_loads(load)
+    require("least load under a tangential force", float(loads.min(initial=np.inf)), above=0.0, most=np.inf, unit="N")
+    used = check_real("tangential force", force) / (mu * loads)
     if not ((used >= 0.0) & (used <= 1.0)).all():
         raise InputError(f"tangential force is up to {np.max(used):g} of mu W; allowed is 0 to 1")
     return used

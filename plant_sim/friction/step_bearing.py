@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.model import Array, check_real, require, require_type
+from plant_sim.friction.model import LARGEST, Array, check_real, require, require_type
 from plant_sim.friction.rayleigh_step import friction, load_and_rate, steady_gap
 from protocols.errors import InputError
 
@@ -203,13 +203,21 @@ class StepBearing:
         return Motion(gaps, speeds, *_forces(*args, self.slope, gaps, speeds, sliding))
 
     def steady_gap(self, sliding: float, load: float) -> float:
-        """Return the gap [-] in steady sliding at `sliding` [Pa] under `load` [Pa]; 0 where no film carries it."""
+        """Return the gap [-] in steady sliding at `sliding` [Pa] under `load` [Pa]; 0 where no film carries it.
+
+        Raises InputError.
+        """
+        require("sliding", sliding, least=-LARGEST, unit="Pa")
+        require("load", load, above=0.0, unit="Pa")
         carrying = self.faces.count(1 if sliding > 0.0 else -1)  # the widening faces cavitate
         return float(steady_gap(self.alpha, abs(sliding), load / carrying)) if carrying else 0.0
 
     def stribeck(self, sliding: Array, load: float) -> Array:
-        """Return the friction [Pa] in steady sliding for `sliding` [Pa] (n,), NaN where no film carries `load` [Pa]."""
-        sliding = check_real("sliding [Pa]", sliding)
+        """Return the friction [Pa] in steady sliding for `sliding` [Pa] (n,), NaN where no film carries `load` [Pa].
+
+        Raises InputError.
+        """
+        sliding = np.atleast_1d(check_real("sliding [Pa]", sliding))
         gaps = np.array([self.steady_gap(float(value), load) for value in sliding])
         faces = np.array(self.faces, float)
         return np.array(

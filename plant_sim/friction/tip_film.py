@@ -59,11 +59,12 @@ class TipFilm:
         return 12.0 * self.viscosity * (self.length / self.step) ** 2  # 2.56
 
     def ratio(self, gap: float) -> float:
-        """Return Lambda A/W [-] at which the film carries W at `gap` h in steady sliding."""
+        """Return Lambda A/W [-] at which the film carries W at `gap` h above 0 in steady sliding. Raises InputError."""
+        require("gap of the film", gap, above=0.0)
         return 2.0 * (gap**3 + self.alpha * (gap + 1.0) ** 3) / (self.alpha * (1.0 + self.alpha))  # 2.27
 
     def coefficient(self, gap: float) -> float:
-        """Return the friction coefficient [-] of steady sliding at `gap` h."""
+        """Return the friction coefficient [-] of steady sliding at `gap` h above 0. Raises InputError."""
         shear = self.ratio(gap) / 3.0 * (1.0 / (gap + 1.0) + self.alpha / gap)  # both steps
         return self.slope * (1.0 / (1.0 + self.alpha) + shear)  # 2.34
 

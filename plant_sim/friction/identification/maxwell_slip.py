@@ -14,7 +14,7 @@ from scipy.optimize import nnls
 from plant_sim.friction.identification.break_points import check_break_points
 from plant_sim.friction.identification.virgin_curve import VirginCurve
 from plant_sim.friction.maxwell_slip import MaxwellSlip
-from plant_sim.friction.model import Array
+from plant_sim.friction.model import Array, check_real, require
 from protocols.errors import InputError
 
 LEAST_STIFFNESS = 1e-9  # of the whole stiffness: an element with less is rounding, and is left out
@@ -29,8 +29,13 @@ def make_matrix(position: Array, break_points: Array) -> Array:
 
 
 def virgin_force(model: MaxwellSlip, position: Array | float) -> Array:
-    """Return the force of `model` [N] when first loaded from rest to `position` [m] of 0 or more, same shape."""
-    sticking = np.multiply.outer(np.asarray(position, float), model.stiffness)
+    """Return the force of `model` [N] when first loaded from rest to `position` [m] of 0 or more, same shape.
+
+    Raises InputError.
+    """
+    positions = check_real("position", position)
+    require("least position", float(positions.min(initial=0.0)), least=0.0, unit="m")
+    sticking = np.multiply.outer(positions, model.stiffness)
     return np.minimum(sticking, model.limits).sum(axis=-1)  # D.2
 
 
