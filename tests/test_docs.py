@@ -36,11 +36,18 @@ def test_the_code_of_the_friction_page_runs() -> None:
     page = (ROOT / "docs" / "friction.md").read_text(encoding="utf-8")
     names: dict[str, object] = {}
     blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     for block in blocks:
         exec(compile(block, "docs/friction.md", "exec"), names)
     assert names["trace"].force.max() > 0.0  # type: ignore[attr-defined]
     assert names["motion"].friction.min() >= 0.0  # type: ignore[attr-defined]
+    sliding, small = names["sliding"], names["small"]
+    told = f"{sliding.damping:.0f} Ns/m, {1e3 * sliding.lag:.1f} ms: "  # type: ignore[attr-defined]
+    told += f"|{sliding.needed_damping(30.0):.0f} Ns/m: a resonance"  # type: ignore[attr-defined]
+    told += "|" + ", ".join(f"{value:.2g}" for value in small.stiffness).replace("e+0", "e") + " N/m"  # type: ignore[attr-defined]
+    told += "| and " + ", ".join(f"{value:.0f}" for value in small.damping) + " Ns/m"  # type: ignore[attr-defined]
+    for words in told.split("|"):
+        assert words in page
 
 
 def test_the_telemetry_page_has_the_keys() -> None:
