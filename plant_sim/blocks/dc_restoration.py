@@ -86,4 +86,6 @@ class DcRestoration:
         samples = np.asarray(voltage, dtype=float)
         if samples.ndim != 1 or not np.isfinite(samples).all():
             raise InputError("DC restoration: the voltage must be a vector of finite numbers")
+        if not isfinite(integral):
+            raise InputError(f"DC restoration: integral is {integral:g} V; it must be finite")
         return _restore_samples(samples, integral, -expm1(-self.decay_rate * step), self.zero)

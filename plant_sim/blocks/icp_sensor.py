@@ -99,5 +99,7 @@ class IcpSensor:
         load = pressed + self.warming_load * warm
         if not np.isfinite(load).all():
             raise InputError("ICP sensor: force and warming must be finite")
+        if not isfinite(leaked):
+            raise InputError(f"ICP sensor: leaked is {leaked:g} N; it must be finite")
         share = -expm1(-step / self.time_constant)
         return _measure_samples(load, leaked, share, self.scale, self.offset, self.limit)

@@ -15,7 +15,7 @@ import numpy as np
 from plant_sim.friction.identification.asymmetric import ShapedElements
 from plant_sim.friction.kernel import law
 from plant_sim.friction.maxwell_slip import MaxwellSlip, element
-from plant_sim.friction.model import Array, FrictionModel, Trace, check_motion, require_type
+from plant_sim.friction.model import LARGEST, Array, FrictionModel, Trace, check_motion, require, require_type
 
 
 @law
@@ -37,7 +37,10 @@ def shaped_maxwell_slip(parameters, state, displacement, dt, load, new_state):
 
 @dataclass(frozen=True, eq=False)
 class ShapedMaxwellSlip(FrictionModel):
-    """Maxwell-slip with a shape of its loops: `elements`, and where they are (`start` [m] of a contact at rest)."""
+    """Maxwell-slip with a shape of its loops: `shaped`, and where a contact at rest is, `start_position` [m].
+
+    Raises InputError.
+    """
 
     shaped: ShapedElements
     start_position: float = 0.0
@@ -45,6 +48,7 @@ class ShapedMaxwellSlip(FrictionModel):
 
     def __post_init__(self) -> None:
         require_type("shaped elements", self.shaped, ShapedElements)
+        require("start position", self.start_position, least=-LARGEST, unit="m")
 
     @property
     def elements(self) -> MaxwellSlip:

@@ -192,3 +192,12 @@ def test_impossible_restorations_and_signals_are_refused() -> None:
             DcRestoration(1.0).restore(bad, STEP)
     with pytest.raises(InputError, match=r"warming \(2,\)"):
         IcpSensor().measure(np.zeros(3), STEP, warming=np.zeros(2))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_start_that_is_not_finite_is_refused(value: float) -> None:
+    """It made every later voltage NaN."""
+    with pytest.raises(InputError, match=f"leaked is {value:g} N; it must be finite"):
+        IcpSensor().measure(np.zeros(3), STEP, leaked=value)
+    with pytest.raises(InputError, match=f"integral is {value:g} V; it must be finite"):
+        DcRestoration(1.0).restore(np.zeros(3), STEP, value)

@@ -22,7 +22,7 @@ from plant_sim.friction.identification.break_points import check_break_points
 from plant_sim.friction.identification.maxwell_slip import make_matrix, virgin_force
 from plant_sim.friction.identification.virgin_curve import VirginCurve, check_pair
 from plant_sim.friction.maxwell_slip import MaxwellSlip
-from plant_sim.friction.model import Array
+from plant_sim.friction.model import Array, check_real, require, require_type
 from protocols.errors import InputError
 
 TOLERANCE = 1e-6  # relative, of stiffness and height: more is a violation; chosen, far below what can be measured
@@ -42,11 +42,19 @@ class Condition:
 
 @dataclass(frozen=True)
 class TwoSidedElements:
-    """A set of elements for the `up`ward branches and one for the `down`ward, for strokes of at most 2 `reach` [m]."""
+    """A set of elements for the `up`ward branches and one for the `down`ward, for strokes of at most 2 `reach` [m].
+
+    Raises InputError.
+    """
 
     up: MaxwellSlip
     down: MaxwellSlip
     reach: float
+
+    def __post_init__(self) -> None:
+        require_type("elements upwards", self.up, MaxwellSlip)
+        require_type("elements downwards", self.down, MaxwellSlip)
+        require("reach", self.reach, above=0.0, unit="m")
 
     def gap(self, stroke: Array | float) -> Array:
         """Return how far below the last maximum the output returns after `stroke` [m] down and up again [N], same shape."""
@@ -137,6 +145,11 @@ class ShapedElements:
     reach: float
 
     def __post_init__(self) -> None:
+        require_type("elements", self.elements, MaxwellSlip)
+        require("reach", self.reach, above=0.0, unit="m")
+        object.__setattr__(self, "shape", check_real("shape", self.shape))
+        if self.shape.ndim != 1:
+            raise InputError(f"shape has shape {self.shape.shape}; it must be a vector, of c_1, c_2 and so on")
         lowest = self.factor(np.linspace(-self.reach, self.reach, STROKE_COUNT)).min()
         if not lowest > 0.0:
             raise InputError(
@@ -145,7 +158,7 @@ class ShapedElements:
 
     def factor(self, position: Array) -> Array:
         """Return g [-] at `position` [m], same shape; beyond the reach it keeps its value."""
-        return 1.0 + _compute_powers(position, self.reach, len(self.shape)) @ np.asarray(self.shape, float)
+        return 1.0 + _compute_powers(position, self.reach, len(self.shape)) @ self.shape
 
     def force(self, position: Array) -> Array:
         """Return the force [N] (n,) along `position` [m] (n,), beginning at rest."""

@@ -13,6 +13,7 @@ from plant_sim.friction.identification.maxwell_slip import compute_error, make_m
 from plant_sim.friction.identification.maxwell_slip import fit as fit_elements
 from plant_sim.friction.identification.virgin_curve import VirginCurve, find_reversals, from_half_loop, from_loops
 from plant_sim.friction.maxwell_slip import MaxwellSlip
+from plant_sim.friction.shaped import ShapedMaxwellSlip
 from protocols.errors import InputError
 
 REACH = 15e-6  # m
@@ -352,6 +353,14 @@ def test_shaped_fit_returns_elements_and_shape() -> None:
         (lambda: solve(SMOOTH, []), "break points have shape (0,)"),
         (lambda: solve(VirginCurve([0, 1, 2], [0, 1, 3]), [1.0, 2.0]), "element 1 would have a stiffness of -1 N/m"),
         (lambda: ShapedElements(MODEL, [2.0], 1.0), "must be above 0"),
+        (lambda: ShapedElements(MODEL, [0.1], -1.0), "reach is -1 m; allowed is a number above 0"),
+        (lambda: ShapedElements(MODEL, [0.1], np.inf), "reach is inf m"),
+        (lambda: ShapedElements(MODEL, [np.nan], 1.0), "shape holds nan"),
+        (lambda: ShapedElements(MODEL, 0.1, 1.0), "shape has shape (); it must be a vector"),
+        (lambda: ShapedElements([1.0], [0.1], 1.0), "elements is [1.0]; a MaxwellSlip is needed"),
+        (lambda: ShapedMaxwellSlip(ShapedElements(MODEL, [0.1], 1.0), np.nan), "start position is nan m"),
+        (lambda: TwoSidedElements(MODEL, MODEL, 0.0), "reach is 0 m; allowed is a number above 0"),
+        (lambda: TwoSidedElements(MODEL, 3.0, 1.0), "elements downwards is 3.0; a MaxwellSlip is needed"),
     ],
 )
 def test_bad_input_is_told_in_one_sentence(make: object, sentence: str) -> None:
