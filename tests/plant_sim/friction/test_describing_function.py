@@ -90,6 +90,16 @@ def test_the_period_is_settled() -> None:
     assert found.loss[0] == pytest.approx(loss, rel=1e-3)
 
 
+def test_friction_that_does_not_repeat_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bristles need 198 periods at this amplitude; before, the fiftieth was taken without a word."""
+    model, amplitude = LuGre(Stribeck(F_S), K), 0.01 * SPAN
+    settled = describing_function(model, amplitude, FREQUENCY)
+    assert settled.stiffness[0] == pytest.approx(K, rel=1e-2)
+    monkeypatch.setattr("plant_sim.friction.describing_function.MOST_PERIODS", 50)
+    with pytest.raises(InputError, match="does not repeat after 50 periods"):
+        describing_function(model, amplitude, FREQUENCY)
+
+
 def test_the_rate_counts_for_friction_with_memory_of_time_only() -> None:
     stiffness, weights = split(4)
     model = MaxwellSlip(stiffness, F_S * weights)
