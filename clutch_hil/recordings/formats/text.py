@@ -237,7 +237,7 @@ class TextRecording:
                     comment += f", perhaps hexadecimal: set hexadecimal = {headings.names[number - 1]!r} in [file] then"
                 elif self._has_other_mark(number):
                     comment += f", whose decimal mark is not {self._layout.cells.decimal!r} as in other columns"
-            elif not any(row[number - 1] for row in self._layout.samples):
+            elif all(self._layout.cells.is_missing(row[number - 1]) for row in self._layout.samples):
                 comment = NO_VALUES
             name, text = headings.names[number - 1], headings.texts[number - 1]
             scaling = headings.scalings[number - 1] if headings.scalings and column.kind == "number" else ""

@@ -152,7 +152,9 @@ _LIKE_A_DATE = re.compile(
     r"|[0-9]{4}-?W[0-9]{2}|[0-9]{4}-[0-9]{3}(?![0-9])|[+-]?PT?[0-9]"
 )  # three parts, a week, a day of the year, or a duration: quick to look for
 _SLASHED = rf"([0-9]{{1,2}})([/-])([0-9]{{1,2}})[/-][0-9]{{4}}{_CLOCK}"
-_SHORT_YEAR = rf"[0-9]{{1,2}}[./-][0-9]{{1,2}}[./-][0-9]{{2}}{_CLOCK}"
+# Which number is the year is not told: the names of the groups say only that it is a date. 12-Mar-26 is from PI and Oracle
+_SHORT_YEAR = rf"(?P<d>[0-9]{{1,2}})[./-](?P<m>[0-9]{{1,2}})[./-](?P<y>[0-9]{{2}}){_CLOCK}"
+_SHORT_NAMED = rf"(?P<d>[0-9]{{1,2}})[-./ ]{_NAME}[-./ ]+(?P<y>[0-9]{{2}}){_CLOCK}"
 
 
 def find_time_format(cells: Sequence[str]) -> TimeFormat | None:
@@ -162,12 +164,16 @@ def find_time_format(cells: Sequence[str]) -> TimeFormat | None:
     for one in _PLAIN:
         if all(one.matches(cell) for cell in cells):
             return one
-    if all(re.fullmatch(_SHORT_YEAR, cell) for cell in cells):
-        return TimeFormat(
-            _SHORT_YEAR,
-            "a date",
-            "does not tell which number is the year; set time_format, such as '%d.%m.%y %H:%M:%S', in [file]",
-        )
+    for pattern, month in ((_SHORT_YEAR, "%m"), (_SHORT_NAMED, "%b")):
+        dates = [re.fullmatch(pattern, cell) for cell in cells]
+        if all(date and (month == "%m" or date["b"].lower()[:3] in _MONTHS) for date in dates):
+            mark = cells[0].lstrip("0123456789")[0]
+            written = f"%d{mark}{month}{mark}%y{_write_clock(cells[0])}"
+            return TimeFormat(
+                pattern,
+                "a date",
+                f"does not tell which number is the year; set time_format, such as '{written}', in [file]",
+            )
     parts = [re.fullmatch(_SLASHED, cell) for cell in cells]
     if not all(parts):
         return None

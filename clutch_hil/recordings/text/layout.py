@@ -30,6 +30,8 @@ from clutch_hil.recordings.text.marks import check_no_fractions, choose_marks, t
 from protocols.errors import InputError
 from protocols.files.arrow import from_texts
 
+# At least two, as in `t=0.01 torque=1.5`, `torque:1.5,speed:3`
+_NAMED_NUMBERS = re.compile(r"(?:[^\d\W]\w*\s?[=:]\s?[+-]?[0-9][0-9.]*(?:[eE][+-]?[0-9]+)?(?:[\s,;]+|$)){2}")
 _MOST_COLUMNS = 10_000  # more than any logger has channels
 _NUMBERED_ROWS = re.compile(
     r"#\s*[,;\t]\s*[^\W\d]"
@@ -299,6 +301,11 @@ def _find_rows(
                 while n > header_first and right[n - 1] and _begins_sparsely(n - 1, clocks, rows, columns, cells):
                     n -= 1
                 return _Rows(lines[n].number, width, columns, [row for row in rows[n:] if len(row) == width])
+    if _NAMED_NUMBERS.match(lines[-1].text):
+        raise InputError(
+            f"recording {path} has a name before each number, as in line {lines[-1].number}, {show(lines[-1].text)}; write the"
+            " names once, in a line above the rows, and the numbers alone"
+        )
     raise InputError(
         f"recording {path} has no rows of numbers{_list_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
         " delimiter, decimal, encoding or skip_lines in [file]"

@@ -151,3 +151,18 @@ def test_a_draft_names_the_columns_of_a_wet_clutch_that_it_lacks(tmp_path: Path)
     lacking = names.removeprefix("# ").split(", ")
     assert lacking == [name for name in REQUIRED if name not in ("time_s", "clutch_torque_nm")]
     tomllib.loads(draft)
+
+
+def test_a_column_of_words_for_no_value_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_text(make_table(header="time,torque,speed,note", end=",NULL"))
+    assert "# left out, with no value in the first and last rows: note" in draft_map(path, open_recording(path))
+
+
+def test_a_unit_at_the_end_of_a_name_is_not_written_twice(tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_text(make_table(header="Zeit_s,torque_nm [Nm],speed_rad_s [rpm]"))
+    text = draft_map(path, open_recording(path))
+    assert 'time_s = { from = "Zeit_s", unit = "s" }' in text
+    assert 'torque_nm = { from = "torque_nm" }' in text
+    assert 'speed_rad_s = { from = "speed_rad_s" }' in text

@@ -216,3 +216,37 @@ def test_durations_of_iso_8601_are_times(tmp_path: Path, write: Callable[[float]
 def test_a_name_that_could_be_a_duration_is_a_name(tmp_path: Path) -> None:
     run = read(tmp_path, make_table(header="time,PT1H,speed"), columns=MAP.replace('"torque"', '"PT1H"'))
     assert_right(run)
+
+
+def test_a_short_year_behind_the_name_of_a_month_is_asked_about(tmp_path: Path) -> None:
+    """As the historian PI and Oracle write it."""
+    table = make_table(times=[f"12-Mar-26 14:05:{7.0 + t:06.3f}" for t in TIME])
+    sentence = find_refusal(tmp_path, table)
+    assert "does not tell which number is the year; set time_format, such as '%d-%b-%y %H:%M:%S', in [file]" in sentence
+    assert_right(read(tmp_path, table, 'time_format = "%d-%b-%y %H:%M:%S"'))
+    words = make_table(header="time,torque,speed,sensor", end=",12-oil-26")
+    assert_right(read(tmp_path, words))
+
+
+def test_days_by_dates_with_a_short_year_do_not_pass_in_silence(tmp_path: Path) -> None:
+    """From the 30th row on it is the next day, and the clock alone shows 10 ms more."""
+    dates = ["12.03.26" if n < 30 else "13.03.26" for n in range(ROWS)]
+    rows = make_table(
+        ";", header="", times=[f"{date};14:05:{7.0 + t:06.3f}" for date, t in zip(dates, TIME, strict=True)]
+    )
+    table = "date;time;torque;speed\n" + rows
+    assert "set time_format, such as '%d.%m.%y', in [file]" in find_refusal(tmp_path, table)
+    columns = "[columns]\ntime_s = { from = 'time' }\ntorque_nm = { from = 'torque', unit = 'Nm' }\n"
+    path = tmp_path / "days.csv"
+    path.write_text(table)
+    recording = open_recording(path, {"time_format": "%d.%m.%y"})
+    (time,) = recording.read([channel for channel in recording.channels if channel.name == "time"])
+    np.testing.assert_allclose(time.values, TIME + 86400.0 * (np.arange(ROWS) >= 30), atol=1e-9)
+    same = table.replace("13.03.26", "12.03.26")
+    np.testing.assert_allclose(read(tmp_path, same, columns=columns)["time_s"], TIME, atol=1e-9)
+
+
+@pytest.mark.parametrize("line", ["t={0:.2f} torque={1}", "t:{0:.2f},torque:{1}"])
+def test_names_before_each_number_are_told(tmp_path: Path, line: str) -> None:
+    rows = [line.format(t, 1.5) for t in TIME]
+    assert "has a name before each number, as in line 60, " in find_refusal(tmp_path, make_rows(*rows))
