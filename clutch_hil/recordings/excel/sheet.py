@@ -13,6 +13,7 @@ from clutch_hil.recordings.excel.cell_text import CellTexts
 from protocols.errors import InputError
 
 _MOST_ROWS, _MOST_COLUMNS = 1_048_576, 16_384  # of Excel
+_MOST_CELLS = 20_000_000  # of a sheet, also empty ones: about three minutes; text is read in seconds
 _WITHOUT_VALUE = "formula without a value"  # text of such a cell: no number, and a reason
 
 
@@ -39,7 +40,7 @@ class Sheet:
 
     def read(self) -> Iterator[Row]:
         """Yield the rows that have cells, in their order. Raises InputError, and what the parser raises for a damaged file."""
-        last = 0
+        last = count = 0
         with self._sheet._get_source() as source:
             # Without formats of dates it returns them as numbers. Its own loop also reads what stands below the rows
             parser = WorkSheetParser(source, self._sheet._shared_strings, data_only=True)
@@ -52,6 +53,12 @@ class Sheet:
                             f" are rows from 1 to {_MOST_ROWS}, in their order"
                         )
                     last = number
+                    count += len(cells)
+                    if count > _MOST_CELLS:
+                        raise InputError(
+                            f"recording {self._path}: sheet {self._sheet.title!r} has more than"
+                            f" {_MOST_CELLS // 1_000_000} million cells, which is the most that is allowed; save it as CSV"
+                        )
                     self.hidden += element.get("hidden") in ("1", "true")
                     row = self._make_row(number, element, cells)
                     element.clear()

@@ -15,7 +15,7 @@ from openpyxl import Workbook
 from openpyxl.chart import LineChart
 from openpyxl.utils.datetime import CALENDAR_MAC_1904
 
-from clutch_hil.recordings.excel import workbook
+from clutch_hil.recordings.excel import sheet, workbook
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
@@ -345,6 +345,14 @@ def test_text_of_a_sheet_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path = save(tmp_path, [["x", *[None] * 200, "y"], *[[n] for n in range(80)]])
     with pytest.raises(InputError, match="GiB as text; remove cells far to the right"):
         workbook.serve(str(path), str(tmp_path / "text"), "", ".")
+
+
+def test_cells_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small file can unpack to any number of cells, each of which takes time."""
+    monkeypatch.setattr(sheet, "_MOST_CELLS", 100)
+    path = save(tmp_path, make_rows())
+    with pytest.raises(InputError, match="'Data' has more than 0 million cells, which is the most that is allowed"):
+        workbook.serve(str(path), str(tmp_path / "text"), "Data", ".")
 
 
 def test_damaged_workbooks_are_refused_in_a_sentence(tmp_path: Path) -> None:
