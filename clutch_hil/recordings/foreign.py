@@ -11,8 +11,9 @@ _SHEET = "save its data as .xlsx without a password, or as CSV"
 # Pattern of the first bytes -> kind of file, and remedy
 _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"7z\xbc\xaf|Rar!|MSCF|PK\x05\x06|PK\x07\x08|\x1f\x9d|\x04\x22\x4d\x18|\xff\x06\0\0sNaPpY", "an archive", "unpack it"),
-    (rb"PK\x03\x04.{0,4000}opendocument", "a file of OpenDocument, such as .ods", _SHEET),
-    (rb"PK\x03\x04.{0,4000}(\[Content_Types\]|_rels/|xl/)", "a file of Office that is no .xlsx, such as .xlsb", _SHEET),
+    # By the first file of the archive: one of other files may have a workbook among them
+    (rb"PK\x03\x04.{26}mimetype.{0,60}opendocument", "a file of OpenDocument, such as .ods", _SHEET),
+    (rb"PK\x03\x04.{26}(\[Content_Types\]|_rels/|xl/|docProps/)", "a file of Office that is no .xlsx, such as .xlsb", _SHEET),
     (rb"PK\x03\x04.{26,200}\.npy", "an archive of NumPy", "write its arrays into a CSV, Parquet or .mat file"),
     (rb"CDF[\x01\x02\x05]", "netCDF 3", "convert it to netCDF 4 by nccopy -k 4"),
     (rb".{257}ustar", "an archive of tar", "unpack it"),

@@ -322,6 +322,13 @@ def test_names_of_files_do_not_matter_and_macros_are_not_read(tmp_path: Path) ->
     assert_right(import_by(tmp_path, path, MAP))
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+def test_a_workbook_in_an_archive_is_read(tmp_path: Path, method: int) -> None:
+    with zipfile.ZipFile(tmp_path / "runs.zip", "w", method) as archive:
+        archive.write(save(tmp_path, make_rows()), "runs/1.xlsx")
+    assert_right(import_by(tmp_path, tmp_path / "runs.zip", MAP))
+
+
 def test_a_claim_of_many_rows_or_columns_takes_no_memory(tmp_path: Path) -> None:
     path = save(tmp_path, make_rows())
     rewrite(path, SHEET, lambda xml: xml.replace('ref="A1:C61"', 'ref="A1:XFD16000000"'))
