@@ -40,10 +40,11 @@ from clutch_hil.recordings.text.layout import Layout, find_layout
 from clutch_hil.recordings.text.lines import TextFile, looks_like_text
 from clutch_hil.recordings.text.rows import Rows, read_rows
 from clutch_hil.recordings.text.stated_numbers import list_rates_beside
+from clutch_hil.recordings.unit_in_name import is_unit
 from protocols.errors import InputError
 from protocols.files.arrow import from_texts
 from protocols.files.bounds import check_rows
-from protocols.files.units import have_same_quantity, to_si
+from protocols.files.units import contradict, have_same_quantity, to_si
 
 _DAY = 86400.0  # s
 _JUDGED_ROWS = 100  # that tell whether dates have a time of day
@@ -228,6 +229,7 @@ class TextRecording:
             unit = "s" if column.kind == "time" else column.unit or headings.units[number - 1]
             if column.kind == "number" and not unit:
                 unit = self._find_epoch(number)
+            self._check_units(headings.texts[number - 1], column.unit, headings.units[number - 1])
             comment = f"{column.time.what}, counted from the first" if column.time else ""
             if column.kind == "text":
                 comment = (
@@ -252,6 +254,13 @@ class TextRecording:
         if any(not self._is_date(channel.number) for channel in clocks):  # dates beside times of day are no axis
             channels = [replace(c, kind="text", unit="") if self._is_date(c.number) else c for c in channels]
         return self._with_rate(channels, rows)
+
+    def _check_units(self, name: str, behind: str, above: str) -> None:
+        """Note a unit behind the numbers of a column that contradicts the one above them."""
+        if behind and above and is_unit(above) and contradict(simplify_unit(behind), simplify_unit(above)):
+            self.notes.append(
+                f"{name}: its unit is {above} by its name or the line of units, {behind} behind its numbers counts"
+            )
 
     def _has_other_mark(self, number: int) -> bool:
         """Whether the cells of a column are numbers with the other decimal mark."""

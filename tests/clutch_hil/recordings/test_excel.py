@@ -193,6 +193,17 @@ def test_what_a_format_shows_behind_a_number_counts(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["duty_1"], 0.01 * np.arange(ROWS), atol=1e-12)
 
 
+def test_a_format_that_contradicts_the_unit_above_is_told(tmp_path: Path) -> None:
+    def format_cells(book: Any, sheet: Any) -> None:
+        for n in range(ROWS):
+            sheet.cell(n + 2, 2).number_format = '0.00" kNm"'
+
+    notes = open_recording(save(tmp_path, make_rows(["time", "torque [Nm]", "speed"]), format_cells)).notes
+    assert "torque [Nm]: its unit is Nm by its name or the line of units, kNm behind its numbers counts" in notes
+    agreeing = open_recording(save(tmp_path, make_rows(["time", "torque [kN·m]", "speed"]), format_cells)).notes
+    assert not any("kNm" in note for note in agreeing)
+
+
 def test_booleans_are_on_and_off_and_errors_are_no_values(tmp_path: Path) -> None:
     rows = make_rows(["time", "torque", "speed", "valid"])
     rows = [rows[0], *([*row, n > 20] for n, row in enumerate(rows[1:]))]
