@@ -114,6 +114,17 @@ def test_numbers_keep_all_their_digits_and_are_in_no_doubt(tmp_path: Path) -> No
     np.testing.assert_array_equal(run["torque_nm"][:7], numbers[:7])
 
 
+def test_texts_with_marks_between_thousands_stand_beside_numbers(tmp_path: Path) -> None:
+    rows = make_rows()
+    for n, row in enumerate(rows[1:]):
+        row[2] = f"1.{n:03d},25"
+    path = save(tmp_path, rows)
+    find_refusal(tmp_path, path, MAP)
+    run = import_by(tmp_path, path, '[file]\nthousands = "."\n' + MAP)
+    np.testing.assert_allclose(run["speed_rad_s"], 1000.25 + np.arange(ROWS))
+    np.testing.assert_allclose(run["torque_nm"], TORQUE)
+
+
 @pytest.mark.parametrize("epoch_1904", [False, True])
 @pytest.mark.parametrize("digits", [17, 16, 15])
 def test_a_time_is_exact_whatever_a_program_writes_of_its_days(tmp_path: Path, epoch_1904: bool, digits: int) -> None:
