@@ -15,6 +15,7 @@ from clutch_hil.identify.clutch_parameters import shift_pressures
 from clutch_hil.identify.piston_landing import measure_landing
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
+from rt_controller.law.clutch_size import scale_size
 from rt_controller.law.valve_gains import Valve, scale_gains
 
 # controller parameter -> plant parameter: the same quantity in the same unit
@@ -32,14 +33,6 @@ _SAME: Mapping[str, str] = {
     "model.motor_gain": "motor.proportional_gain",
     "pressure.valve_gain": "valve.gain",
 }  # fmt: skip
-# For a clutch of another size: torques are scaled with the slope of the torque, gains with its inverse
-_TORQUES = (
-    "phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.least", "lock.rate", "adaptation.torque_floor",
-)  # fmt: skip
-_GAINS = ("torque.proportional_gain", "torque.integral_gain")
-# Ratio to the nominal slope, or its inverse, from which they are scaled; closer to nominal the controller follows as designed
-# (docs/identify_method.md, 50 rigs)
-_OTHER_SIZE = 2.0
 # Parameters needed to hold a clutch at a pressure: no maps
 _PRESSURES = (
     "model.contact_pressure", "pressure.valve_gain", "pressure.floor", "phases.fill_pressure", "phases.released_pressure",
@@ -93,10 +86,8 @@ def _convert(plant: Values, nominal: Values, controller: ParameterSet) -> dict[s
         "position between preload and contact as nominal",
     )
     size = plant["clutch.coulomb_slope"] / nominal["clutch.coulomb_slope"]
-    if not 1.0 / _OTHER_SIZE < size < _OTHER_SIZE:
-        why = f"scaled with the slope of the torque, which is {size:.3g} times the nominal one"
-        values |= {name: (size * controller[name].value, why) for name in _TORQUES}
-        values |= {name: (controller[name].value / size, why) for name in _GAINS}
+    why = f"scaled with the slope of the torque, which is {size:.3g} times the nominal one"
+    values |= {name: (factor * controller[name].value, why) for name, factor in scale_size(size).items()}
     values |= _follow_valve(plant, nominal, controller, values)
     limit = controller["lock.pressure_limit"].value
     if values["torque.pressure_limit"][0] > limit:

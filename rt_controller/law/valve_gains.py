@@ -22,7 +22,6 @@ References      Skogestad 2003, J. Process Control 13, 291-309 (gains from lag a
                 the factors: chosen here, tests/rt_controller/test_valve_gains.py
 """
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 from protocols.files.parameters import ParameterSet
@@ -71,16 +70,3 @@ def scale_gains(valve: Valve, designed: Valve) -> dict[str, float]:
         share = min(share, valve.lag / (_DEAD_TIMES * valve.dead_time))
     factors = dict.fromkeys(_SLOWER, 1.0 / slower) | dict.fromkeys(_LONGER, slower) | {_PROPORTIONAL: share}
     return {name: factor for name, factor in factors.items() if factor != 1.0}
-
-
-def follow_valve(parameters: ParameterSet, shipped: ParameterSet, given: Collection[str]) -> dict[str, float]:
-    """Return the gains, rates and times that follow the valve of `parameters`, by dotted name, each in its declared unit.
-
-    shipped: parameters of controller.toml. given: names that the user set, which do not follow. Values keep their bounds.
-    """
-    following = {}
-    for name, factor in scale_gains(Valve.of(parameters), Valve.of(shipped)).items():
-        if name not in given:
-            low, high = parameters[name].bounds
-            following[name] = min(max(factor * shipped[name].value, low), high)
-    return following

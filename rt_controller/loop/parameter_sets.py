@@ -10,8 +10,9 @@ from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, list_changed, load_defaults, load_overlay
 from rt_controller.guard.allowed_limits import check_limits
 from rt_controller.guard.layout import LAYOUT_VALUES
+from rt_controller.law.clutch_size import scale_size
 from rt_controller.law.contact_maps import shift_maps
-from rt_controller.law.valve_gains import follow_valve
+from rt_controller.law.valve_gains import Valve, scale_gains
 
 PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
 # Rigs with one and with two clutches that the law applies to. A calibration of another rig is refused
@@ -38,14 +39,14 @@ _RISING = (
     ("model.contact_pressure", "phases.fill_pressure"),
 )  # fmt: skip
 # Pressures that keep their share of the contact pressure, and one that keeps its distance, where a user changes only that
-_CONTACT, _FILL = "model.contact_pressure", "phases.fill_pressure"
+_CONTACT, _FILL, _SLOPE = "model.contact_pressure", "phases.fill_pressure", "model.coulomb_slope"
 _SHARES_OF_CONTACT = ("phases.released_pressure", "phases.lost_pressure", "pressure.floor")
 
 
 def load_controller_parameters(changed: Path | None = None, clutch: str | None = None) -> ParameterSet:
     """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError.
 
-    The file may leave out what follows its contact pressure and its valve, see `follow_clutch`. clutch: a or b if there are two
+    The file may leave out what follows its clutch, see `follow_clutch`. clutch: a or b if there are two
     clutches; selects the part of a calibration.
     """
     shipped = load_defaults(PARAMETERS)
@@ -57,10 +58,21 @@ def load_controller_parameters(changed: Path | None = None, clutch: str | None =
 
 
 def follow_clutch(parameters: ParameterSet, given: Collection[str]) -> dict[str, float]:
-    """Return what follows the contact pressure and the valve of `parameters`, by dotted name; arguments of `follow_contact`."""
+    """Return what follows contact pressure, valve and torque of `parameters`, by dotted name; arguments of `follow_contact`."""
     shipped = load_defaults(PARAMETERS)
-    maps, gains = shift_maps(parameters, shipped, given), follow_valve(parameters, shipped, given)
-    return follow_contact(parameters, given) | maps | gains
+    scaled = _scale(parameters, shipped, given)
+    return follow_contact(parameters, given) | shift_maps(parameters, shipped, given) | scaled
+
+
+def _scale(parameters: ParameterSet, shipped: ParameterSet, given: Collection[str]) -> dict[str, float]:
+    """Return what follows valve and torque, within its bounds; `shipped`: the parameters of `controller.toml`."""
+    valve = scale_gains(Valve.of(parameters), Valve.of(shipped))
+    size = scale_size(parameters[_SLOPE].value / shipped[_SLOPE].value)
+    scaled = {}
+    for name in (valve.keys() | size.keys()) - set(given):
+        low, high = parameters[name].bounds
+        scaled[name] = min(max(valve.get(name, 1.0) * size.get(name, 1.0) * shipped[name].value, low), high)
+    return scaled
 
 
 def follow_contact(parameters: ParameterSet, given: Collection[str]) -> dict[str, float]:

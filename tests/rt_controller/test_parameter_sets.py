@@ -178,6 +178,27 @@ def test_a_pressure_that_a_file_gives_does_not_follow(parameter_sets: ModuleType
         assert [own[name] for name in FOLLOWING] == [shipped[name] for name in FOLLOWING]
 
 
+@pytest.mark.parametrize(("slope", "size"), [(108.0, 10.0), (2.16, 0.2), (20.0, 1.0), (5.5, 1.0)])
+def test_thresholds_and_torque_gains_follow_a_slope_of_another_size(
+    parameter_sets: ModuleType, slope: float, size: float
+) -> None:
+    shipped = parameter_sets.load_controller_parameters()
+    with written(f"[model]\ncoulomb_slope = {slope}\n[lock]\nleast = 7.0\n") as path:
+        own = parameter_sets.load_controller_parameters(path)
+    with written(f"[model]\ncoulomb_slope = {slope}\n[pressure]\nvalve_frequency = 10.0\n") as path:
+        slow = parameter_sets.load_controller_parameters(path)
+    ratio = {name: own[name].value / shipped[name].value for name in own if shipped[name].value}
+    for name in ("phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.rate", "adaptation.torque_floor"):
+        assert ratio[name] == pytest.approx(size, rel=1e-12)
+    for name in ("torque.proportional_gain", "torque.integral_gain"):
+        assert ratio[name] == pytest.approx(1.0 / size, rel=1e-12)
+    assert own["lock.least"].value == 7.0  # as given
+    slower = slow["pressure.integral_gain"].value / shipped["pressure.integral_gain"].value
+    assert slower < 0.5
+    for name in ("lock.rate", "torque.integral_gain"):  # of both
+        assert slow[name].value == pytest.approx(slower * own[name].value, rel=1e-12)
+
+
 # --- limits of the law that follow the guard's -----------------------------------------------------------------------
 
 

@@ -15,9 +15,9 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
-from rt_controller.law.valve_gains import VALVE, Valve, follow_valve, scale_gains
+from rt_controller.law.valve_gains import VALVE, Valve, scale_gains
 from rt_controller.loop.node import ControllerNode
-from rt_controller.loop.parameter_sets import load_controller_parameters
+from rt_controller.loop.parameter_sets import follow_clutch, load_controller_parameters
 
 SHIPPED = load_controller_parameters()
 DESIGNED = Valve.of(SHIPPED)
@@ -45,7 +45,7 @@ def sensitivity(valve: Valve, kp: float, ki: float) -> float:
 
 
 def test_within_two_deviations_of_the_shipped_valve_no_gain_changes() -> None:
-    assert follow_valve(SHIPPED, SHIPPED, ()) == {}
+    assert SHIPPED.with_values(follow_clutch(SHIPPED, ())).as_values() == SHIPPED.as_values()
     nominal = {name: p.value for name, p in wet_clutch.load_nominal().items()}
     for frequency, damping in product((0.9, 1.0, 1.1), (0.75, 0.9, 1.0)):
         near = {**nominal, "valve.frequency": frequency * nominal["valve.frequency"], "valve.damping": damping}
