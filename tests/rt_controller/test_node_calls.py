@@ -176,8 +176,12 @@ def test_values_that_cannot_be_are_not_taken_and_neither_are_those_beside_them(n
         assert made.node.parameters is parameters
 
 
-def test_the_guards_parameters_are_fixed_and_no_others(node: ModuleType) -> None:
+def test_the_parameters_of_the_guard_and_of_the_valve_are_fixed_and_no_others(node: ModuleType) -> None:
     made = NodeBench(node).node
+    for name in ("pressure.valve_frequency", "pressure.valve_damping", "pressure.valve_delay", "pressure.line_lag"):
+        assert made.explain_fixed(name) == (
+            f"parameter {name} is fixed while the controller runs: the gains follow it at the start; change the gains"
+        )
     why = "parameter guard.pressure is fixed while the controller runs: the guard's limits are set at the start"
     assert made.explain_fixed("guard.pressure") == why
     for name in ("pressure.guard", "guardian.pressure", "torque.demand_limit"):

@@ -178,25 +178,43 @@ def test_a_pressure_that_a_file_gives_does_not_follow(parameter_sets: ModuleType
         assert [own[name] for name in FOLLOWING] == [shipped[name] for name in FOLLOWING]
 
 
-@pytest.mark.parametrize(("slope", "size"), [(108.0, 10.0), (2.16, 0.2), (20.0, 1.0), (5.5, 1.0)])
-def test_thresholds_and_torque_gains_follow_a_slope_of_another_size(
-    parameter_sets: ModuleType, slope: float, size: float
-) -> None:
+TORQUES = ("phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.rate", "adaptation.torque_floor")
+TORQUE_GAINS = ("torque.proportional_gain", "torque.integral_gain")
+
+
+def test_thresholds_and_torque_gains_follow_a_slope_of_another_size(parameter_sets: ModuleType) -> None:
     shipped = parameter_sets.load_controller_parameters()
-    with written(f"[model]\ncoulomb_slope = {slope}\n[lock]\nleast = 7.0\n") as path:
-        own = parameter_sets.load_controller_parameters(path)
-    with written(f"[model]\ncoulomb_slope = {slope}\n[pressure]\nvalve_frequency = 10.0\n") as path:
-        slow = parameter_sets.load_controller_parameters(path)
-    ratio = {name: own[name].value / shipped[name].value for name in own if shipped[name].value}
-    for name in ("phases.torque_mismatch", "phases.touch_torque", "trim.floor", "lock.rate", "adaptation.torque_floor"):
-        assert ratio[name] == pytest.approx(size, rel=1e-12)
-    for name in ("torque.proportional_gain", "torque.integral_gain"):
-        assert ratio[name] == pytest.approx(1.0 / size, rel=1e-12)
-    assert own["lock.least"].value == 7.0  # as given
-    slower = slow["pressure.integral_gain"].value / shipped["pressure.integral_gain"].value
+    for slope, size in ((108.0, 10.0), (2.16, 0.2), (20.0, 1.0), (5.5, 1.0)):
+        with written(f"[model]\ncoulomb_slope = {slope}\n[lock]\nleast = 7.0\n") as path:
+            own = parameter_sets.load_controller_parameters(path)
+        for name in TORQUES:
+            assert own[name].value == pytest.approx(size * shipped[name].value, rel=1e-12)
+        for name in TORQUE_GAINS:
+            assert own[name].value == pytest.approx(shipped[name].value / size, rel=1e-12)
+        assert own["lock.least"].value == 7.0  # as given
+        assert own["pressure.integral_gain"] == shipped["pressure.integral_gain"]
+
+
+def test_a_slow_valve_of_a_large_clutch_has_both_factors(parameter_sets: ModuleType) -> None:
+    shipped, slow = parameter_sets.load_controller_parameters(), "[pressure]\nvalve_frequency = 10.0\n"
+    with written(slow) as path:
+        slower = parameter_sets.load_controller_parameters(path)["pressure.integral_gain"].value
+    slower /= shipped["pressure.integral_gain"].value
     assert slower < 0.5
-    for name in ("lock.rate", "torque.integral_gain"):  # of both
-        assert slow[name].value == pytest.approx(slower * own[name].value, rel=1e-12)
+    with written(f"[model]\ncoulomb_slope = 54.0\n{slow}") as path:
+        own = parameter_sets.load_controller_parameters(path)
+    assert own["lock.rate"].value == pytest.approx(5.0 * slower * shipped["lock.rate"].value, rel=1e-12)
+    assert own["torque.integral_gain"].value == pytest.approx(
+        slower / 5.0 * shipped["torque.integral_gain"].value, rel=1e-12
+    )
+    assert own["pressure.slow_rate"].value == pytest.approx(slower * shipped["pressure.slow_rate"].value, rel=1e-12)
+
+
+def test_what_follows_keeps_its_bounds(parameter_sets: ModuleType) -> None:
+    with written("[model]\ncoulomb_slope = 0.1\n") as path:
+        own = parameter_sets.load_controller_parameters(path)
+    assert own["phases.touch_torque"].value == own["phases.touch_torque"].bounds[0]
+    assert own["torque.proportional_gain"].value == own["torque.proportional_gain"].bounds[1]
 
 
 # --- limits of the law that follow the guard's -----------------------------------------------------------------------
