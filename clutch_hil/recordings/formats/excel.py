@@ -19,9 +19,8 @@ from clutch_hil.recordings.unpacked_recording import UnpackedRecording, shown_as
 from protocols.files.child_reader import ChildReader
 
 _BEGIN, _BOOK = b"PK\x03\x04", re.compile(r"(?i)xl/workbook\d*\.xml")
-_MOST_SECONDS = (
-    400  # s of computing for a sheet: 8 us for each of the cells that are allowed, on a machine of half the speed
-)
+# s of computing for a sheet: 8 us for each of the cells that are allowed, on a machine of half the speed
+_MOST_SECONDS = 400
 _LINE = re.compile(r"\bline(s? )(?=\d)")
 _NOT_OPTIONS = "delimiter, decimal, encoding or skip_lines"
 

@@ -24,7 +24,8 @@ from clutch_hil.recordings.text.column_kind import (
     judge_columns,
 )
 from clutch_hil.recordings.text.footer import find_end, read_tail
-from clutch_hil.recordings.text.headings import Headings, are_names, find_headings
+from clutch_hil.recordings.text.heading_lines import are_names
+from clutch_hil.recordings.text.headings import Headings, find_headings
 from clutch_hil.recordings.text.lines import COMMENT, RUNS, Line, TextFile, split
 from clutch_hil.recordings.text.marks import check_no_fractions, choose_marks, tells_decimal
 from protocols.errors import InputError
