@@ -22,10 +22,13 @@ def reproduce_figure_1_7(sheet: Sheet) -> None:
     static, beta, velocity, viscous, exponent = 1.5, 0.7, 0.02, 0.7, 1.0
     curve = Stribeck(static, beta, velocity, viscous, exponent)
     axes = sheet.make_axes(1, 1, width=8, height=4.8)
-    both = np.concatenate([-SPEED[::-1], [np.nan], SPEED])
-    axes.plot(both, curve(both), color="tab:blue", label="F_f, eq 1.4")
-    axes.plot(both, curve.s(both), "--", lw=1, color="tab:orange", label="Stribeck part")
-    axes.plot(both, curve.f(both), ":", lw=1.2, color="tab:green", label="viscous part")
+    both = np.concatenate([-SPEED[::-1], SPEED])
+    x, total, stribeck, viscous_part = (
+        np.insert(values, SPEED.size, np.nan) for values in (both, curve(both), curve.s(both), curve.f(both))
+    )  # NaN: no line between the branches
+    axes.plot(x, total, color="tab:blue", label="F_f, eq 1.4")
+    axes.plot(x, stribeck, "--", lw=1, color="tab:orange", label="Stribeck part")
+    axes.plot(x, viscous_part, ":", lw=1.2, color="tab:green", label="viscous part")
     axes.plot([0, 0], [-static, static], color="tab:blue")
     for level, name in ((static, "$F_S$"), (beta * static, "$F_C$"), (-beta * static, "$-F_C$"), (-static, "$-F_S$")):
         axes.axhline(level, lw=0.6, ls=":", color=REFERENCE_COLOUR)
