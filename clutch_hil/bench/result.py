@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.faults.process_fault import ProcessFault
-from clutch_hil.bench.judgement.calibration_check import describe_failed_fill, describe_mismatch
+from clutch_hil.bench.judgement.calibration_check import (
+    describe_failed_fill,
+    describe_mismatch,
+    describe_slow_valve,
+)
 from clutch_hil.bench.judgement.following import REACHED_SHARE, Following
 from clutch_hil.bench.judgement.measures import MEASURES, find_highest_demand, measure_following
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
@@ -98,6 +102,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     faults = watch_run(columns, run.metadata["sample_rate_hz"], parameters)
     # a controller that was killed or stopped no longer estimates
     mismatch = None if had_process_fault(run.metadata) else describe_mismatch(columns, parameters)
+    mismatch = mismatch or describe_slow_valve(fault, parameters, run.metadata.get("plant_parameters", {}))
     mismatch = mismatch or describe_failed_fill(fault, parameters)
     good = fault == "none" and (reached or not demanded) and locked != 0.0
     if fault != "none":

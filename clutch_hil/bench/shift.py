@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.judgement.calibration_check import describe_failed_fill, describe_shift_mismatch
+from clutch_hil.bench.judgement.calibration_check import (
+    describe_failed_fill,
+    describe_shift_mismatch,
+    describe_slow_valve,
+)
 from clutch_hil.bench.judgement.power_shift_measures import MEASURES, find_handover
 from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.pictures.shift_picture import draw_shift
@@ -58,8 +62,11 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     ]
     # a controller that was killed or stopped no longer estimates
     mismatch = None if had_process_fault(run.metadata) else describe_shift_mismatch(columns, parameters[0])
+    plant = run.metadata.get("plant_parameters", {})
     failed = [
-        describe_failed_fill(fault, values) for watch, values in zip(faults, parameters, strict=True) if watch.count
+        describe_slow_valve(fault, values, plant, f"{clutch}.") or describe_failed_fill(fault, values)
+        for clutch, watch, values in zip(CLUTCHES, faults, parameters, strict=True)
+        if watch.count
     ]
     mismatch = mismatch or next(filter(None, failed), None)
     if fault != "none":

@@ -46,8 +46,8 @@ _SHARES_OF_CONTACT = ("phases.released_pressure", "phases.lost_pressure", "press
 def load_controller_parameters(changed: Path | None = None, clutch: str | None = None) -> ParameterSet:
     """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError.
 
-    The file may leave out what follows its clutch, see `follow_clutch`. clutch: a or b if there are two
-    clutches; selects the part of a calibration.
+    The file may leave out what follows its clutch, see `follow_clutch`. clutch: a or b if there are two clutches; selects the
+    part of a calibration.
     """
     shipped = load_defaults(PARAMETERS)
     if changed is None:

@@ -20,6 +20,8 @@ import numpy as np
 
 from clutch_hil.bench.judgement.measures import is_in_phase
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
+from rt_controller.law.valve_gains import Valve, scale_gains
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 _OTHER = (0.1, 0.5)  # of the mean torque of the motor, and Nm: limits for another clutch; see Equation
 _OFF = (0.02, 0.1)  # the same: limits for an inaccurate calibration or sensor
@@ -33,6 +35,10 @@ CONTACT, _VALVE = "model.contact_pressure", "pressure.valve_gain"  # expected co
 EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # parameters by which a controller finds the contact of the plates
 # With a valve slower than the controller's the pressure overshoots at the end of a fill, and the regulator winds up
 SLOW_VALVE = ("pressure.valve_frequency", "pressure.valve_delay")
+_INTEGRAL, _PRESSURE_FAULTS = "pressure.integral_gain", ("overpressure", "pressure lost", "fill timeout")
+_TOO_HIGH = (
+    1.25  # of the gain that suits the valve; chosen: below it the shipped gains suit a valve, too (valve_gains.py)
+)
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,28 @@ def describe_failed_fill(fault: float | str, parameters: Mapping[str, float]) ->
         f"the controller expects contact at {parameters[CONTACT]:g} bar and {parameters[_VALVE]:g} bar/V of the valve; for"
         f" another clutch give its {', '.join(EXPECTED)} by --controller-parameters or --calibration; see clutch-hil"
         " identify"
+    )
+
+
+def describe_slow_valve(
+    fault: float | str, parameters: Mapping[str, float], plant: Mapping[str, float], clutch: str = ""
+) -> str | None:
+    """Return advice on a fault of the pressure on a simulated rig whose valve is slower than the gains allow; None otherwise.
+
+    parameters: of the controller; plant: of the rig, both in their units, `plant` with the prefix `clutch` of one of two.
+    """
+    frequency, damping = (plant.get(f"{clutch}valve.{name}") for name in ("frequency", "damping"))
+    if fault not in _PRESSURE_FAULTS or _INTEGRAL not in parameters or frequency is None or damping is None:
+        return None
+    shipped = load_controller_parameters()
+    designed = Valve.of(shipped)
+    valve = Valve(frequency, damping, 1e-3 * plant.get(f"{clutch}valve_delay.delay", 0.0), designed.line)
+    needed = scale_gains(valve, designed).get(_INTEGRAL, 1.0) * shipped[_INTEGRAL].value
+    if parameters[_INTEGRAL] <= _TOO_HIGH * needed:
+        return None
+    return (
+        f"the gains of the pressure loop are those of a faster valve than the rig's, which has {frequency:.3g} rad/s; give"
+        f" {' and '.join(SLOW_VALVE)} by --controller-parameters, or a --calibration"
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import clutch_hil as ch
-from clutch_hil.bench.judgement.calibration_check import describe_mismatch, describe_shift_mismatch
+from clutch_hil.bench.judgement.calibration_check import describe_mismatch, describe_shift_mismatch, describe_slow_valve
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
@@ -107,6 +107,36 @@ def test_a_fill_of_one_of_two_clutches_that_times_out_says_it_too(tmp_path: Path
     result = Simulation(weak).run(lambda done, of: None)
     assert "fill timeout" in result.verdict
     assert "expects contact at 2.35 bar and 2.5 bar/V of the valve" in result.text
+
+
+@pytest.mark.parametrize(
+    ("controller", "advised"),
+    [({}, True), ({"pressure.valve_frequency": 10.0}, False), ({"pressure.integral_gain": 0.9}, False)],
+)
+def test_a_pressure_fault_with_a_slow_valve_says_how_the_gains_follow(
+    controller: Mapping[str, float], advised: bool
+) -> None:
+    """Two lags of 100 ms, and a pressure that the guard does not allow."""
+    settings = RunSettings(controller=controller)
+    parameters, shipped = settings.make_controller().parameters.as_values(), Scenario.of(settings).plant
+    slow = shipped.with_values({"valve.frequency": 10.0, "valve.damping": 1.0}).as_values()
+    for fault, told in (("overpressure", advised), ("pressure lost", advised), ("overspeed", False), ("none", False)):
+        advice = describe_slow_valve(fault, parameters, slow)
+        assert (advice is not None) == told
+        if advice:
+            assert "a faster valve than the rig's, which has 10 rad/s; give pressure.valve_frequency and" in advice
+    in_a = {f"a.{name}": value for name, value in slow.items()}  # of one of two clutches
+    assert (describe_slow_valve("overpressure", parameters, in_a, "a.") is not None) == advised
+    assert describe_slow_valve("overpressure", parameters, shipped.as_values()) is None
+    assert describe_slow_valve("overpressure", parameters, {}) is None, "a rig whose valve is not known"
+
+
+def test_a_run_that_swings_with_a_slow_valve_says_it(tmp_path: Path) -> None:
+    scenario = Scenario.of(RunSettings(profile="lock", out=tmp_path))
+    slow = scenario.plant.with_values({"valve.frequency": 6.7, "valve.damping": 1.0, "valve_delay.delay": 20.0})
+    result = Simulation(replace(scenario, plant=slow)).run(lambda done, of: None)
+    assert "overpressure" in result.verdict
+    assert "pressure.valve_frequency and pressure.valve_delay by --controller-parameters" in result.text
 
 
 def make_launch(acceleration: float, gain: float = 1.0, rate: int = 500) -> Mapping[str, np.ndarray]:
