@@ -1,7 +1,8 @@
 """Times beside a column: which channel of a file has the times of a column, where time_s has those of another one.
 
 In its group, as `slow/time` for `slow/speed`. By its name, as `speed_time` for `speed`, where time_s is `torque_time`: so
-FAMOS and DEWESoft write. In the first column of its matrix, where time_s is that of another one: so CANape writes.
+FAMOS and DEWESoft write. In the first column of its matrix, where time_s is that of another one: so CANape writes. In a vector
+of as many rows that is called a time, where time_s is that of a structure: so Simulink writes `tout` beside a scope.
 """
 
 import re
@@ -20,9 +21,11 @@ _OF_MATRIX = re.compile(r"(?P<matrix>.+)\((?::,(?P<column>[0-9]+)|(?P<row>[0-9]+
 def find_times_beside(channels: Sequence[Channel], sources: Mapping[str, Channel]) -> dict[str, Channel]:
     """Return the channel with the times of each column for which it is another one than that of time_s."""
     clock = sources.get("time_s")
-    if not clock or clock.kind != "number":
+    if not clock:
         return {}
     others = {name: channel for name, channel in sources.items() if name != "time_s"}
+    if clock.kind != "number":
+        return _find_on_raster(channels, clock, others)
     if times := _find_by_name(channels, clock, others):
         return times
     return (_find_in_group if is_time_name(clock.name) else _find_in_matrix)(channels, clock, others)
@@ -35,6 +38,21 @@ def keep_rising(times: Mapping[str, Signal]) -> dict[str, Signal]:
         for name, signal in times.items()
         if not _OF_MATRIX.fullmatch(signal.channel.path) or np.all(np.diff(signal.values) > 0.0)
     }
+
+
+def _find_on_raster(channels: Sequence[Channel], clock: Channel, others: Mapping[str, Channel]) -> dict[str, Channel]:
+    """Return the only channel of the same raster that is called a time, for columns without a time axis of their own."""
+    with_axis = {channel.raster for channel in channels if channel.kind == "time"} | {clock.raster}
+    times = {}
+    for name, channel in others.items():
+        named = [one for one in channels if one.raster == channel.raster and _is_time_vector(one)]
+        if channel.raster not in with_axis and len(named) == 1:
+            times[name] = named[0]
+    return times
+
+
+def _is_time_vector(channel: Channel) -> bool:
+    return channel.kind == "number" and is_time_name(channel.name)
 
 
 def _find_in_group(channels: Sequence[Channel], clock: Channel, others: Mapping[str, Channel]) -> dict[str, Channel]:

@@ -23,6 +23,15 @@ _PER = re.compile(r"(rad|deg|km|m)_([sh])")
 _CAMEL = re.compile(r"(?P<name>.*[a-z0-9])(?P<unit>Rpm|RPM|(?<![cdkm])Nm|KNm|KPa|Kpa|Bar|Psi|PSI)")
 _OF_TIME = re.compile(r"(?i:(?P<name>t|time|zeit|time_?stamp)[ _]?(?P<unit>m?sec|[mu]s))")
 _TIME_OVER_UNIT = re.compile(r"(?P<name>t|(?i:time|zeit))/(?P<unit>s|min|h)")  # DIN writes t/s; T is no time
+# Units in lower case, as runs of this bench have them: only behind the name of their quantity, as nm is a length, too
+_LOWER_CASE = {
+    unit: re.compile(rf"(?i:(?P<name>.*(?:{quantity}).*?)[ _]{written})")
+    for unit, written, quantity in (
+        ("Nm", "nm", "torque|moment|trq|couple"), ("kNm", "knm", "torque|moment|trq|couple"),
+        ("MPa", "mpa", "pressure|press|druck|pression"), ("kN", "kn", "force|kraft"), ("V", "v", "volt|spannung"),
+        ("mV", "mv", "volt|spannung"), ("mA", "ma", "current|strom|courant"), ("degC", "degc", ""),
+    )
+}  # fmt: skip
 _WHOLE = {
     "rpm": "rpm", "millis": "ms", "micros": "us", "milliseconds": "ms", "microseconds": "us", "msec": "ms", "usec": "us",
     "ms": "ms", "us": "us", "knm": "kNm", "kpa": "kPa", "mbar": "mbar", "psi": "psi", "degf": "degF", "°f": "degF",
@@ -76,6 +85,9 @@ def hint_unit(name: str) -> tuple[str, str]:
         return match["name"], match["unit"]
     if match := _HINT.fullmatch(name) or _CAMEL.fullmatch(name):
         return match["name"], _write_unit(match["unit"])
+    for unit, written in _LOWER_CASE.items():
+        if match := written.fullmatch(name):
+            return match["name"], unit
     within = {_write_unit(match["unit"]) for match in _WITHIN.finditer(name)}
     return (name, within.pop()) if len(within) == 1 else (name, "")
 

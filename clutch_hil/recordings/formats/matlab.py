@@ -26,6 +26,7 @@ from clutch_hil.recordings.unit_in_name import take_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 
+_TIMES_OF_SIMULINK = "tout"  # vector of the times of a simulation [s]
 _LAYOUTS = (
     ControlDesk(), StructureWithTime(), Timeseries(), Dataset(), LoggedSignal(), SimulationOutput(), Table(), Times(),
     Categorical(),
@@ -153,6 +154,8 @@ class MatlabRecording:
         start, end = spans.get(path, (float("nan"), float("nan")))
         rate = (rows - 1) / (end - start) if end > start else float("nan")
         name, unit = take_unit(column.name, column.unit, kind)
+        if name == _TIMES_OF_SIMULINK:
+            unit = unit or "s"
         return Channel(
             name,
             number,

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from clutch_hil.recordings.contents import draft_map
+from clutch_hil.recordings.format import open_recording
 from tests.clutch_hil.recordings.maps import find_refusal as find_map_refusal
 from tests.clutch_hil.recordings.maps import import_by
 
@@ -116,3 +118,54 @@ def test_a_first_column_that_does_not_rise_is_no_time(tmp_path: Path) -> None:
     file = tmp_path / "matrices.mat"
     savemat(file, {"M": np.column_stack([TIME, np.sin(TIME)]), "n": np.column_stack([np.cos(9.0 * TIME), 2.0 * TIME])})
     np.testing.assert_allclose(import_by(tmp_path, file, MATRICES)["speed_rad_s"], 2.0 * TIME, atol=1e-6)
+
+
+SCOPE = """
+[file]
+resample_hz = 1000.0
+[columns]
+time_s = { from = "Scope.time" }
+torque_nm = { from = "torque", unit = "Nm" }
+speed_rad_s = { from = "speed", unit = "rad/s" }
+"""
+
+
+def write_scope(tmp_path: Path, **vectors: np.ndarray) -> Path:
+    """A scope of Simulink with the torque over TIME, and `vectors` beside it."""
+    file = tmp_path / "scope.mat"
+    signals = np.array([(np.sin(TIME)[:, None], 1, "torque")], [("values", "O"), ("dimensions", "O"), ("label", "O")])
+    scope = {"time": TIME[:, None], "signals": signals, "blockName": "model/Scope"}
+    savemat(file, {"Scope": scope, **{name: values[:, None] for name, values in vectors.items()}})
+    return file
+
+
+@pytest.mark.parametrize("name", ["tout", "time_s"])
+def test_a_vector_beside_a_scope_has_the_times_that_are_a_vector(tmp_path: Path, name: str) -> None:
+    slow = 2.0 * TIME[::2]
+    run = import_by(
+        tmp_path,
+        write_scope(tmp_path, speed=2.0 * slow, **{name: slow}),
+        SCOPE.replace('"Scope.time"', '"Scope.time", unit = "s"'),
+    )
+    np.testing.assert_allclose(run["speed_rad_s"], 2.0 * run["time_s"], atol=1e-6)
+
+
+def test_the_draft_of_a_scope_and_its_tout_is_read(tmp_path: Path) -> None:
+    file = write_scope(tmp_path, speed_rad_s=2.0 * TIME, tout=TIME)
+    draft = draft_map(file, open_recording(file)).replace("resample_hz = 100.0", "resample_hz = 1000.0")
+    np.testing.assert_allclose(import_by(tmp_path, file, draft)["speed_rad_s"], 2.0 * TIME, atol=1e-6)
+
+
+def test_tout_alone_is_the_time(tmp_path: Path) -> None:
+    file = tmp_path / "vectors.mat"
+    savemat(file, {"tout": TIME[:, None], "speed_rad_s": 2.0 * TIME[:, None]})
+    draft = draft_map(file, open_recording(file))
+    assert 'time_s = { from = "tout" }' in draft
+    np.testing.assert_allclose(import_by(tmp_path, file, draft)["speed_rad_s"], 2.0 * TIME, atol=1e-12)
+
+
+def test_vectors_without_times_beside_a_scope_are_refused(tmp_path: Path) -> None:
+    file = write_scope(tmp_path, speed=2.0 * TIME)
+    assert "no time axis of its own" in find_map_refusal(tmp_path, file, SCOPE)
+    file = write_scope(tmp_path, speed=2.0 * TIME, time_a=TIME, time_b=TIME)
+    assert "no time axis of its own" in find_map_refusal(tmp_path, file, SCOPE), "two that could be it"

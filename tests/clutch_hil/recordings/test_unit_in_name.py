@@ -82,6 +82,9 @@ def test_a_draft_takes_the_unit_of_the_name(tmp_path: Path, time: str, speed: st
         ("torquekNm", ""), ("Beams", ""), ("TIMES", ""),
         ("p_min", ""), ("p_in", ""), ("kPa_to_bar_psi_x", ""), ("M.kNm", ""), ("debar_x", ""),
         ("n_rad", ""), ("items", ""), ("bar", ""), ("crossbar", ""), ("p_NM", ""), ("x_s", ""),
+        ("clutch_torque_nm", "Nm"), ("Motor moment NM", "Nm"), ("torque_knm", "kNm"), ("line_pressure_mpa", "MPa"),
+        ("valve_voltage_v", "V"), ("valve_current_ma", "mA"), ("oil_temperature_degc", "degC"), ("force_kn", "kN"),
+        ("gap_nm", ""), ("mpa", ""), ("v", ""), ("current_a", ""), ("torque_nm_s", ""), ("voltage", ""),
     ],
 )  # fmt: skip
 def test_only_words_that_are_nothing_else_are_units(name: str, unit: str) -> None:
