@@ -1,6 +1,11 @@
-"""Other units: the one in which a refused number may have been meant, such as 235000 Pa for 2.35 bar."""
+"""Other units in which a user may give a parameter, `"34 psi"`, or in which a refused number may have been meant."""
 
+import re
 from math import pi
+from typing import Any
+
+from protocols.errors import InputError
+from protocols.files.units import space_unit
 
 # Unit of a parameter -> factors from units that people have on their data sheets, the usual ones first. Not by pint: a running
 # service refuses numbers as well, and must not load it. A test compares them with pint
@@ -22,8 +27,50 @@ _OTHERS: dict[str, dict[str, float]] = {
     "Nm": {"kNm": 1e3, "N mm": 1e-3},
     "kg m^2": {"kg cm^2": 1e-4, "g m^2": 1e-3, "kg mm^2": 1e-6, "g cm^2": 1e-7},
     "rad": {"deg": pi / 180.0},
+    "1": {"%": 0.01},
 }
 _KELVIN, _CELSIUS, _ZERO = "K", "degC", 273.15
+_QUANTITY = re.compile(
+    r"\s*(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(?P<unit>[^\s\d.].*?)\s*"
+)
+_LONGEST = 100  # characters of a number with a unit
+
+
+def split_quantity(text: str) -> tuple[float, str] | None:
+    """Return number and unit of a text such as `34 psi`; None for another text."""
+    match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
+    return (float(match["number"]), match["unit"]) if match else None
+
+
+def convert_fields(name: str, fields: dict[str, Any], unit: str) -> dict[str, Any]:
+    """Return the `fields` of a parameter in its declared `unit`: value, bounds and uncertainty, as far as they are there.
+
+    fields: with the `unit` in which they are, if it is another one. What is no number stays as it is. Raises InputError for a
+    unit that is not of _OTHERS.
+    """
+    given = fields.get("unit", unit)
+    if given == unit:
+        return fields
+    factor, zero = _OTHERS.get(unit, {}).get(given) if isinstance(given, str) else None, 0.0
+    if (given, unit) == (_KELVIN, _CELSIUS):
+        factor, zero = 1.0, -_ZERO
+    if factor is None:
+        allowed = [unit, *_OTHERS.get(unit, {}), *([_KELVIN] if unit == _CELSIUS else [])]
+        raise InputError(
+            f"{name} is given in {given!r}; allowed {'are' if len(allowed) > 1 else 'is'} {', '.join(allowed)}"
+        )
+    converted = fields | {"unit": unit}
+    for field, offset in (("value", zero), ("uncertainty", 0.0)):
+        if field in fields:
+            converted[field] = _scale(fields[field], factor, offset)
+    if isinstance(bounds := fields.get("bounds"), list):
+        converted["bounds"] = [_scale(bound, factor, zero) for bound in bounds]
+    return converted
+
+
+def _scale(number: Any, factor: float, offset: float) -> Any:
+    is_number = isinstance(number, int | float) and not isinstance(number, bool)
+    return factor * number + offset if is_number else number
 
 
 def describe_other_unit(value: float, unit: str, low: float, high: float) -> str:
@@ -40,4 +87,4 @@ def describe_other_unit(value: float, unit: str, low: float, high: float) -> str
 
 
 def _say(value: float, other: str, converted: float, unit: str) -> str:
-    return f"; {value:g} {other} would be {converted:.4g} {unit}"
+    return f"; {value:g} {other} would be {converted:.4g}{space_unit(unit)}"

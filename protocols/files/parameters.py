@@ -5,7 +5,8 @@ A defaults file declares the parameters, one line each:
     [clutch]
     coulomb_slope = { value = 10.8, unit = "Nm/bar", uncertainty = 0.3, bounds = [1.0, 100.0], source = "Table 6.4" }
 
-A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
+A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, `contact_pressure = "34 psi"` in another one,
+or an inline table to change more fields.
 A calibration is a user's file for plant and controller. It names its rig in [calibration], and has groups [plant.clutch],
 [controller.model], .. For a rig of two clutches it has [plant."a.clutch"], .., [controller.model], .. of clutch a, and
 [controller_b.model], .. of clutch b.
@@ -22,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from protocols.errors import InputError, suggest_closest
-from protocols.files.other_units import describe_other_unit
+from protocols.files.other_units import convert_fields, describe_other_unit, split_quantity
 from protocols.files.units import space_unit, to_si
 from protocols.input_file import read_toml
 
@@ -152,8 +153,12 @@ def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str
         fields = entry if isinstance(entry, dict) else {"value": entry}
         if unknown := set(fields) - set(_FIELDS):
             raise InputError(f"{path}: {name} has the unknown field {min(unknown)!r}; allowed are {', '.join(_FIELDS)}")
-        if fields.get("unit", declared.unit) != declared.unit:
-            raise InputError(f"{path}: {name} is given in {fields['unit']!r}; its unit is {declared.unit!r}")
+        if isinstance(text := fields.get("value"), str) and "unit" not in fields and (quantity := split_quantity(text)):
+            fields |= dict(zip(("value", "unit"), quantity, strict=True))
+        try:
+            fields = convert_fields(name, fields, declared.unit)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
         changed[name] = _parse_parameter(path, name, {f: getattr(declared, f) for f in _FIELDS} | fields)
         _check_sign(path, declared, changed[name])
     return ParameterSet(changed)

@@ -1,12 +1,14 @@
-"""A number that a parameter refuses is told the unit in which it would fit."""
+"""Units of a user's file: a parameter may have another one than the declared, and a refused number is told one that fits."""
 
 import math
+from pathlib import Path
 
 import pytest
 
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.other_units import _OTHERS, describe_other_unit
+from protocols.files.parameters import load_overlay
 from protocols.files.units import have_same_quantity, parse_unit
 
 RIG = wet_clutch.load_nominal()
@@ -29,7 +31,8 @@ RIG = wet_clutch.load_nominal()
         ("piston.contact_pressure", -1.0, ""),
         ("piston.contact_pressure", math.inf, ""),
         ("piston.contact_pressure", math.nan, ""),
-        ("clutch.beta_inf", 70.0, ""),
+        ("clutch.beta_inf", 70.0, "; 70 % would be 0.7"),
+        ("clutch.beta_inf", -70.0, ""),
     ],
 )
 def test_a_refused_value_is_told_the_unit_in_which_it_fits(name: str, value: float, hint: str) -> None:
@@ -50,3 +53,66 @@ def test_the_factors_are_those_of_pint() -> None:
             in_turns = (unit, other) == ("rad/s", "Hz")  # pint knows no angle in Hz; on a data sheet it is turns
             assert factor == pytest.approx(2.0 * math.pi if in_turns else ratio, rel=1e-12)
             assert in_turns or have_same_quantity(unit, other)
+
+
+@pytest.mark.parametrize(
+    ("line", "value"),
+    [
+        ('piston.contact_pressure = "34 psi"', 34.0 * 0.06894757293168362),
+        ('piston.contact_pressure = "235kPa"', 2.35),
+        ('piston.contact_pressure = " 2.35 bar "', 2.35),
+        ('piston.contact_pressure = { value = 0.235, unit = "MPa" }', 2.35),
+        ('valve.frequency = "8 Hz"', 16.0 * math.pi),
+        ('valve.frequency = "+4.8e2 rpm"', 16.0 * math.pi),
+        ('piston.clearance = ".9 mm"', 9e-4),
+        ('piston.area = "113 cm^2"', 0.0113),
+        ('oil.sump_temperature = "343.15 K"', 70.0),
+        ('clutch.beta_inf = "70 %"', 0.7),
+    ],
+)
+def test_a_file_may_give_a_parameter_in_another_unit(tmp_path: Path, line: str, value: float) -> None:
+    name = line.partition(" ")[0]
+    changed = load_overlay(write_line(tmp_path, line), RIG)
+    assert changed[name].value == pytest.approx(value, rel=1e-12)
+    assert changed[name].unit == RIG[name].unit
+    assert changed[name].bounds == RIG[name].bounds
+
+
+def test_bounds_and_uncertainty_are_in_the_unit_of_the_value(tmp_path: Path) -> None:
+    line = 'oil.sump_temperature = { value = 343.15, unit = "K", uncertainty = 2.0, bounds = [293.15, 373.15] }'
+    changed = load_overlay(write_line(tmp_path, line), RIG)["oil.sump_temperature"]
+    assert (changed.value, changed.uncertainty, *changed.bounds) == pytest.approx((70.0, 2.0, 20.0, 100.0), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        (
+            'piston.contact_pressure = "34 Nm"',
+            "piston.contact_pressure is given in 'Nm'; allowed are bar, Pa, kPa, MPa",
+        ),
+        ('piston.contact_pressure = { value = 34, unit = "Nm" }', "given in 'Nm'; allowed are bar, Pa"),
+        ("piston.contact_pressure = { value = 34, unit = 3 }", "given in 3; allowed are bar, Pa"),
+        ('piston.contact_pressure = "34"', "parameter piston.contact_pressure is '34'; a number is needed, in bar,"),
+        ('piston.contact_pressure = "psi"', "is 'psi'; a number is needed, in bar,"),
+        ('piston.contact_pressure = "nan bar"', "is 'nan bar'; a number is needed, in bar,"),
+        ('piston.contact_pressure = "1e400 bar"', "= inf bar is outside"),
+        ('piston.contact_pressure = "-34 psi"', "= -2.34422 bar is outside"),
+        ('piston.contact_pressure = { value = "34 psi", unit = "bar" }', "is '34 psi'; a number is needed, in bar,"),
+        ('piston.contact_pressure = { value = true, unit = "psi" }', "is True; a number is needed, in bar,"),
+        (f'piston.contact_pressure = "{"1" * 5000} bar"', "; a number is needed, in bar,"),
+        ('oil.sump_temperature = "158 degF"', "is given in 'degF'; allowed are degC, K"),
+    ],
+)
+def test_a_unit_that_does_not_fit_is_refused(tmp_path: Path, line: str, sentence: str) -> None:
+    with pytest.raises(InputError) as refused:
+        load_overlay(write_line(tmp_path, line), RIG)
+    assert sentence in str(refused.value)
+    assert str(refused.value).startswith(str(tmp_path))
+
+
+def write_line(tmp_path: Path, line: str) -> Path:
+    """A user's file with one entry, `group.name = ...`."""
+    group, _, entry = line.partition(".")
+    (path := tmp_path / "rig.toml").write_text(f"[{group}]\n{entry}\n", encoding="utf-8")
+    return path
