@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from clutch_hil.bench.host.unit_files import UNITS, name_unit
@@ -266,4 +267,6 @@ def test_uninstall_leaves_nothing() -> None:
     assert not left
     assert not Path(f"/sys/class/net/{BUS}").exists()
     assert subprocess.run(["getent", "passwd", "clutch-hil"], check=False).returncode == 2  # no such user
-    assert "clutch_hil" not in run("ps", "-e", "-o", "args").replace(" ".join(sys.argv), "")
+    own = {os.getpid(), *(parent.pid for parent in psutil.Process().parents())}
+    commands = [one.info["cmdline"] or () for one in psutil.process_iter(["cmdline"]) if one.pid not in own]
+    assert not [command for command in commands if "clutch_hil" in " ".join(command)]

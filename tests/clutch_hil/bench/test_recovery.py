@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from clutch_hil.bench.recording import Recording
@@ -179,12 +180,9 @@ def kill_and_judge(up: "subprocess.Popen[str]", tmp_path: Path, victim: str) -> 
         time.sleep(0.02)
     began = time.monotonic()
     time.sleep(random.Random(victim).uniform(2.0, 3.0))
-    children = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(up.pid)], capture_output=True, text=True).stdout
+    children = psutil.Process(up.pid).children()
     pids = {"up": up.pid} | {
-        name: int(line.split()[0])
-        for line in children.splitlines()
-        for name in ("plant", "controller")
-        if f" {name} " in line
+        name: child.pid for child in children for name in ("plant", "controller") if name in child.cmdline()
     }
     os.kill(pids[victim], signal.SIGKILL)
     lived = time.monotonic() - began
