@@ -55,10 +55,11 @@ def convert_fields(name: str, fields: dict[str, Any], unit: str) -> dict[str, An
     if (given, unit) == (_KELVIN, _CELSIUS):
         factor, zero = 1.0, -_ZERO
     if factor is None:
-        allowed = [unit, *_OTHERS.get(unit, {}), *([_KELVIN] if unit == _CELSIUS else [])]
-        raise InputError(
-            f"{name} is given in {given!r}; allowed {'are' if len(allowed) > 1 else 'is'} {', '.join(allowed)}"
-        )
+        others = [*_OTHERS.get(unit, {}), *([_KELVIN] if unit == _CELSIUS else [])]
+        also = f"; allowed {'are' if len(others) > 1 else 'is'} also {', '.join(others)}" if others else ""
+        raise InputError(f"{name} is given in {given!r}; its unit is {unit!r}{also}")
+    if not fields.keys() & {"value", "bounds", "uncertainty"}:
+        raise InputError(f"{name} has the unit {given!r} and no value; give a value in it")
     converted = fields | {"unit": unit}
     for field, offset in (("value", zero), ("uncertainty", 0.0)):
         if field in fields:

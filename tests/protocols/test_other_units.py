@@ -89,10 +89,13 @@ def test_bounds_and_uncertainty_are_in_the_unit_of_the_value(tmp_path: Path) -> 
     [
         (
             'piston.contact_pressure = "34 Nm"',
-            "piston.contact_pressure is given in 'Nm'; allowed are bar, Pa, kPa, MPa",
+            "piston.contact_pressure is given in 'Nm'; its unit is 'bar'; allowed are also Pa, kPa, MPa",
         ),
-        ('piston.contact_pressure = { value = 34, unit = "Nm" }', "given in 'Nm'; allowed are bar, Pa"),
-        ("piston.contact_pressure = { value = 34, unit = 3 }", "given in 3; allowed are bar, Pa"),
+        (
+            'piston.contact_pressure = { value = 34, unit = "Nm" }',
+            "given in 'Nm'; its unit is 'bar'; allowed are also Pa",
+        ),
+        ("piston.contact_pressure = { value = 34, unit = 3 }", "given in 3; its unit is 'bar'; allowed are also Pa"),
         ('piston.contact_pressure = "34"', "parameter piston.contact_pressure is '34'; a number is needed, in bar,"),
         ('piston.contact_pressure = "psi"', "is 'psi'; a number is needed, in bar,"),
         ('piston.contact_pressure = "nan bar"', "is 'nan bar'; a number is needed, in bar,"),
@@ -101,7 +104,11 @@ def test_bounds_and_uncertainty_are_in_the_unit_of_the_value(tmp_path: Path) -> 
         ('piston.contact_pressure = { value = "34 psi", unit = "bar" }', "is '34 psi'; a number is needed, in bar,"),
         ('piston.contact_pressure = { value = true, unit = "psi" }', "is True; a number is needed, in bar,"),
         (f'piston.contact_pressure = "{"1" * 5000} bar"', "; a number is needed, in bar,"),
-        ('oil.sump_temperature = "158 degF"', "is given in 'degF'; allowed are degC, K"),
+        (
+            'piston.contact_pressure = { unit = "psi" }',
+            "contact_pressure has the unit 'psi' and no value; give a value in it",
+        ),
+        ('oil.sump_temperature = "158 degF"', "is given in 'degF'; its unit is 'degC'; allowed is also K"),
     ],
 )
 def test_a_unit_that_does_not_fit_is_refused(tmp_path: Path, line: str, sentence: str) -> None:
