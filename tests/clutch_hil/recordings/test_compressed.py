@@ -6,7 +6,6 @@ import gzip
 import io
 import lzma
 import struct
-import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -34,13 +33,7 @@ from tests.clutch_hil.recordings.text_files import (
 TABLE = make_table().encode()
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of temporary files, which must be empty after each test."""
-    made = tmp_path / "temporary"
-    made.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(made))
-    return made
+pytestmark = pytest.mark.usefixtures("folder")  # conftest.py
 
 
 def make_zip(members: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:

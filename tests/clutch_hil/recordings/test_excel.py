@@ -2,7 +2,6 @@
 
 import gc
 import re
-import tempfile
 import zipfile
 from collections.abc import Callable, Sequence
 from datetime import datetime, time, timedelta
@@ -25,13 +24,7 @@ BEGIN = datetime(2025, 3, 2, 10, 11, 12)
 SHEET = "xl/worksheets/sheet1.xml"
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of temporary files, which must be empty after each test."""
-    made = tmp_path / "temporary"
-    made.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(made))
-    return made
+pytestmark = pytest.mark.usefixtures("folder")  # conftest.py
 
 
 def make_rows(*above: Sequence[Any], times: Sequence[Any] | None = None) -> list[list[Any]]:
