@@ -66,12 +66,16 @@ def describing_function(
 
 
 def _compute_harmonic(model: FrictionModel, amplitude: float, phase: Array, dt: float, load: float) -> Array:
-    """Return the parts of the force [N] (2,) in phase with the position and with the velocity, in a settled period."""
+    """Return the parts of the force [N] (2,) in phase with the position and with the velocity, in a settled period.
+
+    Bristles creep from the first stroke for thousands of periods at a small amplitude. This is a mean force, and no part.
+    """
     position, waves = amplitude * np.sin(phase), np.array([np.sin(phase[1:]), np.cos(phase[1:])])
-    state, before = model.start(None, load), np.full(2, np.inf)
+    state, before, end = model.start(None, load), np.full(2, np.inf), 0.0
     for _ in range(MOST_PERIODS):
         trace = model.trace(position, dt, load, state)
-        state, parts = trace.state[-1], 2.0 / SAMPLES * waves @ trace.force[1:]
+        creep, end = (trace.force[-1] - end) / SAMPLES * np.arange(1, SAMPLES + 1), trace.force[-1]
+        state, parts = trace.state[-1], 2.0 / SAMPLES * waves @ (trace.force[1:] - creep)
         if np.abs(parts - before).max() <= SETTLED * np.abs(parts).max():
             return parts
         before = parts

@@ -91,7 +91,7 @@ def test_the_period_is_settled() -> None:
 
 
 def test_friction_that_does_not_repeat_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bristles need 198 periods at this amplitude; before, the fiftieth was taken without a word."""
+    """Bristles need 65 periods at this amplitude; before, the fiftieth was taken without a word."""
     model, amplitude = LuGre(Stribeck(F_S), K), 0.01 * SPAN
     settled = describing_function(model, amplitude, FREQUENCY)
     assert settled.stiffness[0] == pytest.approx(K, rel=1e-2)
