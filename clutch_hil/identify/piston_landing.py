@@ -18,6 +18,7 @@ from plant_sim.profiles.profile import Profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.node import load_node
+from rt_controller.loop.parameter_sets import load_controller_parameters
 
 _RATE = 1000  # Hz. On the shipped rig the piston lands at 0.12 to 0.135 bar with 250 Hz to 2 kHz
 _BEGIN, _AFTER = 0.1, 0.1  # s, begin of the fill, and what the run lasts beyond its time-out
@@ -30,7 +31,7 @@ def measure_landing(plant: Values, controller: Mapping[str, float]) -> float | N
 
     plant: values of the rig. controller: values of its controller. Both by dotted name, in their units.
     """
-    timeout = controller.get(_TIMEOUT, load_node("controller")(rate=_RATE).parameters[_TIMEOUT].value)
+    timeout = controller[_TIMEOUT] if _TIMEOUT in controller else load_controller_parameters()[_TIMEOUT].value
     times = (0.0, _BEGIN, _BEGIN + 0.001, _BEGIN + timeout + _AFTER)
     profile = Profile("fill", times, (0.0, 0.0, _TORQUE, _TORQUE), (_SPEED,) * 4, (0.0,) * 4, (0.0,) * 4)
     shipped = wet_clutch.load_nominal()

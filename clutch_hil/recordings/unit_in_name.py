@@ -28,7 +28,7 @@ _LOWER_CASE = {
     unit: re.compile(rf"(?i:(?P<name>.*(?:{quantity}).*?)[ _]{written})")
     for unit, written, quantity in (
         ("Nm", "nm", "torque|moment|trq|couple"), ("kNm", "knm", "torque|moment|trq|couple"),
-        ("MPa", "mpa", "pressure|press|druck|pression"), ("kN", "kn", "force|kraft"), ("V", "v", "volt|spannung"),
+        ("MPa", "mpa", "press|druck"), ("kN", "kn", "force|kraft"), ("V", "v", "volt|spannung"),
         ("mV", "mv", "volt|spannung"), ("mA", "ma", "current|strom|courant"), ("degC", "degc", ""),
     )
 }  # fmt: skip

@@ -2,6 +2,7 @@
 
 What            the first harmonic of the force under x = A sin(omega t), as an equivalent stiffness and damping
 Equation        F ~ k x + c x',  k = 2/A <F sin(omega t)>,  c = 2/(A omega) <F cos(omega t)>, <> the mean of a settled period
+                what the force creeps over a period, as bristles do for long, is taken off as a ramp
                 loss of a period  W = pi c omega A^2
                 one Maxwell-slip element beyond its break point x_b = W_1/k_1: theta = arccos(1 - 2 x_b/A),
                 k = k_1/pi (theta - sin(2 theta)/2),  W = 4 W_1 (A - x_b)   (used in the tests)

@@ -36,9 +36,8 @@ EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # parameters by which a co
 # With a valve slower than the controller's the pressure overshoots at the end of a fill, and the regulator winds up
 SLOW_VALVE = ("pressure.valve_frequency", "pressure.valve_delay")
 _INTEGRAL, _PRESSURE_FAULTS = "pressure.integral_gain", ("overpressure", "pressure lost", "fill timeout")
-_TOO_HIGH = (
-    1.25  # of the gain that suits the valve; chosen: below it the shipped gains suit a valve, too (valve_gains.py)
-)
+# Of the gain that suits the valve; chosen: below it the shipped gains suit a valve, too (valve_gains.py)
+_TOO_HIGH = 1.25
 
 
 @dataclass(frozen=True)

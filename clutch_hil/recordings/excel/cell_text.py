@@ -28,11 +28,11 @@ _CONTROL = dict.fromkeys([*range(32), 127], " ")
 class CellTexts:
     """Texts of cells. decimal: mark of numbers. begin: day 0 of the workbook. find_format: number format of a style.
 
-    broken: whether a number so far has the mark, as a fraction has it.
+    has_fractions: whether a number so far has the mark.
     """
 
     def __init__(self, decimal: str, begin: datetime, find_format: Callable[[int], str]) -> None:
-        self.broken = False
+        self.has_fractions = False
         self._decimal, self._begin, self._find_format = decimal, begin, find_format
         self._writers: dict[int, Callable[[float], str]] = {}
 
@@ -67,7 +67,7 @@ class CellTexts:
     def _write_number(self, value: float) -> str:
         text = repr(value)
         if "." in text:
-            self.broken = True
+            self.has_fractions = True
             return text.replace(".", self._decimal)
         return text
 

@@ -60,7 +60,7 @@ def _write_sheet(file: IO[bytes], path: Path, target: Path, wanted: str, decimal
         notes.append(
             f"all {sheet.formulas} formulas are 0, and the file asks Excel to compute them: open it there and save it"
         )
-    return [chosen.title, last - first + 1, sheet.texts.broken, notes]
+    return [chosen.title, last - first + 1, sheet.texts.has_fractions, notes]
 
 
 def _check_parts(path: Path) -> bool:

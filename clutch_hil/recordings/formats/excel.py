@@ -52,12 +52,12 @@ class Excel:
             target = folder / "recording"
             reader = f"recording {path}"
             arguments = str(path), str(target), sheet, given.get("decimal", decimal)
-            name, columns, broken, notes = ChildReader(
+            name, columns, has_fractions, notes = ChildReader(
                 reader, "clutch_hil.recordings.excel.workbook:serve", *arguments, most_seconds=_MOST_SECONDS
             ).ask()
             if columns > 1:  # else cells may hold whole lines of a CSV file
                 given["delimiter"] = "\t"
-            if broken:  # numbers as text may have another one
+            if has_fractions:  # numbers as text may have another one
                 given["decimal"] = arguments[3]
             shown = f"{path} ({name})"
             with shown_as(target, shown, _reword):
