@@ -132,6 +132,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: ORDER.index(choose_turn(item.path.relative_to(TESTS).as_posix())))
 
 
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Name bytes by their argument, and pytest numbers them: packed bytes hold the time, and all workers need equal names."""
+    return argname if isinstance(val, bytes) else None
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Return the workers for `--numprocesses auto`: one for each CPU, and one more if tests in real time are included."""
