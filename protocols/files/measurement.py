@@ -16,7 +16,8 @@ import numpy as np
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.mdf.mdf_conversions import TEXT
-from protocols.files.mdf.mdf_file import MdfChannel, MdfFile, MdfGroup
+from protocols.files.mdf.mdf_file import MdfFile
+from protocols.files.mdf.mdf_groups import MdfChannel, MdfGroup
 from protocols.files.output_file import whole_file
 from protocols.files.run import Run, parse_json
 

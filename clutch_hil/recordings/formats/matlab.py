@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.recordings.channel import Channel, Recording, Signal
-from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
+from clutch_hil.recordings.hdf5.file import Hdf5File, is_hdf5
 from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.bytes import BinaryFile
 from clutch_hil.recordings.matlab.controldesk import ControlDesk

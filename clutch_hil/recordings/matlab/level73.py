@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.hdf5_file import Hdf5File
+from clutch_hil.recordings.hdf5.file import Hdf5File
 from clutch_hil.recordings.matlab.objects import LateTable, ObjectTable, is_reference, read_reference
 from clutch_hil.recordings.matlab.value import (
     FUNCTION,

@@ -1,9 +1,8 @@
-"""MdfFile: groups and channels of an MDF 3 or 4 file, and the values of one channel at a time. Read by asammdf."""
+"""MdfFile: an open MDF 3 or 4 file, and the values of its channels. Read by asammdf."""
 
 import contextlib
 import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -13,61 +12,20 @@ import numpy as np
 from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import MOST_BYTES, check_bytes, check_rows
 from protocols.files.mdf.mdf_blocks import open_checked
-from protocols.files.mdf.mdf_conversions import NUMBER, STATUS, TEXT, convert_texts, find_kind, list_names, to_physical
+from protocols.files.mdf.mdf_conversions import convert_texts, list_names, to_physical
+from protocols.files.mdf.mdf_groups import MAY_BE_INVALID, VALUE_TYPES_4, GroupList, MdfChannel, is_virtual
 from protocols.files.mdf.mdf_texts import cut_cells, decode, follow_offsets
 from protocols.files.mdf.mdf_walk import check_inflated, make_damage_error
-from protocols.files.mdf.mf4_frames import holds_frames
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
-# Quantity of an MDF 4 master channel, by its number in the file
-MASTERS = ("unknown", "time", "angle", "distance", "index")
-_MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4 = 2, 3, 6  # MDF 4: types of a channel
-_MASTER_3 = 1  # MDF 3: type of a channel
-_VALUE_TYPES_4 = (0, _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4)  # those that hold one value a row
 _VARYING_4, _OFFSET_BITS = 1, 64  # MDF 4: type of a channel of varying length, and bits of its offset in a row
 _NO_CONVERSION: Mapping[int, int] = {4: 0, 3: 65535}  # version of MDF -> kind of a conversion that changes nothing
 _TEXT_BYTES = 64  # that Python takes for a short text
-_NUMBERS_4, _TEXTS_4 = range(6), range(6, 10)  # MDF 4: data types of whole and real numbers; of text
-_NUMBERS_3, _TEXTS_3 = (0, 1, 2, 3, 9, 10, 11, 12, 13, 14, 15, 16), (7,)  # MDF 3: the same
-_VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of varying length
-_ALL_INVALID, _MAY_BE_INVALID = 1, 2  # MDF 4: flags of a channel
+_ALL_INVALID = 1  # MDF 4: flag of a channel
 _OPTIONS: Mapping[str, Any] = {"process_bus_logging": False, "use_display_names": False}  # of asammdf
-BUS_MESSAGES = "messages of a bus, not signals"  # why a group is left out
 _LONGEST_REASON = 200  # characters of another library's error message
 _MOST_INFLATED = 4 * MOST_BYTES  # bytes of one group's compressed rows: 10 s of work
-
-
-@dataclass(frozen=True)
-class MdfChannel:
-    """A channel without its values. group, index: place in the file. kind: number, status or text.
-
-    master: its quantity (MASTERS) if it is the master of its group, else "". unit, comment: as in the file. bits: of a raw
-    value.
-    """
-
-    group: int
-    index: int
-    name: str
-    unit: str
-    comment: str
-    kind: str
-    master: str = ""
-    bits: int = 64
-
-
-@dataclass(frozen=True)
-class MdfGroup:
-    """Channels with `rows` samples each. master: the channel over which the others are recorded, or None.
-
-    number: number of the group that has the master, from 0; groups with the same number share their rows.
-    """
-
-    number: int
-    name: str
-    rows: int
-    channels: tuple[MdfChannel, ...]
-    master: MdfChannel | None = None
 
 
 class MdfFile:
@@ -86,9 +44,9 @@ class MdfFile:
             weakref.finalize(
                 self, _close, self._mdf, self._stream
             )  # __del__ may run at exit, when modules are already gone
-            self.left_out: dict[str, list[str]] = {}
             self.version = 4 if self._mdf.version >= "4" else 3
-            self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._make_group(k))]
+            listed = GroupList(self._mdf, self.version)
+            self.groups, self.left_out = listed.groups, listed.left_out
             self.header: str = self._mdf.header.comment
             self.start = self._start()
             self.start_stamp = self._start_stamp()
@@ -100,7 +58,7 @@ class MdfFile:
             of_group = [channel for channel in dict.fromkeys(channels) if channel.group == k]
             rows = int(self._mdf.groups[k].channel_group.cycles_nr)
             check_rows(f"recording {self._path}: {of_group[0].name} has", rows, len(of_group))
-            stored = [channel for channel in of_group if not self._is_virtual(self._find_source(channel))]
+            stored = [channel for channel in of_group if not is_virtual(self._find_source(channel), self.version)]
             raw = self._read_raw(k, rows, stored) if stored else {}
             for channel in of_group:
                 counted = (np.arange(rows), np.zeros(rows, bool))
@@ -115,7 +73,7 @@ class MdfFile:
         group, source = self._mdf.groups[channel.group], self._find_source(channel)
         rows = int(group.channel_group.cycles_nr)
         check_rows(f"recording {self._path}: {channel.name} has", rows, 1)
-        marked = self.version == 4 and bool(source.flags & _MAY_BE_INVALID)
+        marked = self.version == 4 and bool(source.flags & MAY_BE_INVALID)
         if marked and getattr(group, "uses_ld", False):
             raise InputError(
                 f"recording {self._path}: {channel.name!r} holds text that the file may mark as invalid in columns of its"
@@ -169,7 +127,7 @@ class MdfFile:
 
     def _read_beside(self, channel: MdfChannel, group: Any, source: Any) -> bytes | None:
         """Return the bytes beside the rows in which the texts of a channel are; None if they are in the rows."""
-        if self.version == 3 or source.channel_type in _VALUE_TYPES_4:
+        if self.version == 3 or source.channel_type in VALUE_TYPES_4:
             return None
         if source.channel_type != _VARYING_4 or source.bit_count != _OFFSET_BITS:
             raise InputError(
@@ -193,7 +151,7 @@ class MdfFile:
                 values = to_physical(source.conversion, self.version, raw)
         except ValueError as error:
             raise InputError(f"recording {self._path}: {channel.name} cannot be converted: {error}") from None
-        if self.version == 3 and self._is_virtual(source) and source.conversion is None:
+        if self.version == 3 and is_virtual(source, self.version) and source.conversion is None:
             values = values * (source.sampling_rate or 1.0)
         values[invalid] = np.nan
         if self.version == 4 and source.flags & _ALL_INVALID:
@@ -254,7 +212,7 @@ class MdfFile:
             self._check_data(channel, group, rows, inflate=False)
             for row in (0, rows - 1):
                 with self._reading():
-                    virtual = self._is_virtual(source)
+                    virtual = is_virtual(source, self.version)
                     raw = np.array([row]) if virtual else self._get(channel, record_offset=row, record_count=1)[0]
                 values.append(float(self._convert_to_physical(channel, raw, np.zeros(len(raw), bool))[0]))
         except (InputError, ValueError, IndexError):
@@ -290,83 +248,6 @@ class MdfFile:
         for info in packed:
             self._stream.seek(info.address)
             check_inflated(self._path, self._stream.read(info.compressed_size), info.original_size, info.address)
-
-    def _make_group(self, k: int) -> MdfGroup | None:
-        """Return group `k`; None if it is not readable as signals: bus messages, values of varying length."""
-        group = self._mdf.groups[k]
-        block = group.channel_group
-        rows, name, number = int(block.cycles_nr), "", k
-        master_at = self._mdf.masters_db.get(k)
-        if self.version == 4:
-            name = block.acq_name or ""
-            if block.flags & _VARIABLE:
-                return None
-            if holds_frames(group):
-                self._leave_out(BUS_MESSAGES, name or f"group {k + 1}")
-                return None
-            number = self._mdf.virtual_groups_map.get(k, k)
-        channels = tuple(c for i in range(len(group.channels)) if (c := self._make_channel(k, i, i == master_at)))
-        if number != k:
-            master_group = self._mdf.groups[number]
-            rows = min(rows, int(master_group.channel_group.cycles_nr))
-            at = self._mdf.masters_db.get(number)
-            master = None if at is None else self._make_channel(number, at, True)
-        else:
-            master = next((c for c in channels if c.master), None)
-        return MdfGroup(number, name, rows, channels, master)
-
-    def _make_channel(self, group_at: int, index: int, is_master: bool) -> MdfChannel | None:
-        group = self._mdf.groups[group_at]
-        channel = group.channels[index]
-        name = channel.name or f"channel {index + 1}"
-        if group.channel_dependencies[index]:
-            self._leave_out("arrays or structures", name)
-            return None
-        numbers, texts = (_NUMBERS_4, _TEXTS_4) if self.version == 4 else (_NUMBERS_3, _TEXTS_3)
-        if channel.data_type in texts and not is_master:
-            kind = TEXT
-        elif channel.data_type not in numbers or (self.version == 4 and channel.channel_type not in _VALUE_TYPES_4):
-            self._leave_out("bytes, dates or samples of varying length", name)
-            return None
-        else:
-            kind = find_kind(channel.conversion, self.version)
-            if kind == NUMBER and channel.bit_count == 1 and channel.conversion is None:
-                kind = STATUS
-            if not self._is_virtual(channel) and not self._is_inside(group.channel_group, channel):
-                self._leave_out("outside of its record", name)
-                return None
-        unit = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
-        comment = channel.comment or ""
-        master = self._name_master(channel, is_master)
-        kind = NUMBER if master else kind
-        return MdfChannel(group_at, index, name, unit.strip(" \0"), comment, kind, master, channel.bit_count)
-
-    def _name_master(self, channel: Any, is_master: bool) -> str:
-        if not is_master:
-            return ""
-        if self.version == 3:
-            return "time"
-        kind = channel.sync_type
-        return MASTERS[kind] if kind < len(MASTERS) else MASTERS[0]
-
-    def _is_virtual(self, channel: Any) -> bool:
-        """Return whether a channel counts rows instead of being stored."""
-        if self.version == 3:
-            return bool(channel.channel_type == _MASTER_3 and channel.bit_count == 0)
-        return channel.channel_type in (_VIRTUAL_MASTER_4, _VIRTUAL_4)
-
-    def _is_inside(self, block: Any, channel: Any) -> bool:
-        """Return whether a channel lies inside its record: a C library reads it unchecked."""
-        if self.version == 3:
-            bits = channel.start_offset + 8 * getattr(channel, "additional_byte_offset", 0) + channel.bit_count
-            return 0 < channel.bit_count <= 64 and bits <= 8 * block.samples_byte_nr
-        bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
-        if channel.flags & _MAY_BE_INVALID and channel.pos_invalidation_bit >= 8 * block.invalidation_bytes_nr:
-            return False
-        return 0 < channel.bit_count <= 64 and bits <= 8 * block.samples_byte_nr
-
-    def _leave_out(self, reason: str, name: str) -> None:
-        self.left_out.setdefault(reason, []).append(name)
 
     def _start(self) -> str:
         """Return the time of day of time 0 in ISO 8601; "" if the file has none."""

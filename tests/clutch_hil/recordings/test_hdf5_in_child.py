@@ -23,7 +23,7 @@ ROWS = 400
 TIME = 0.01 * np.arange(ROWS)
 # Functions that open a file, and what calls them in the other process
 OPENERS = {
-    "clutch_hil/recordings/hdf5_file.py": "__enter__",  # of Hdf5File
+    "clutch_hil/recordings/hdf5/file.py": "__enter__",  # of Hdf5File
     "protocols/files/matlab.py": "_read_level73",
 }
 # Functions that make a Hdf5File, each named as the opener of an IsolatedRecording

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.hdf5_file import Hdf5File
+from clutch_hil.recordings.hdf5.file import Hdf5File
 
 _NO_VALUE = ("_FillValue", "missing_value")  # netCDF (CF conventions, 2.5.1): numbers that mark missing values
 

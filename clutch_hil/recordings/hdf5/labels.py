@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from clutch_hil.recordings.channel import is_time_name
-from clutch_hil.recordings.hdf5_file import Hdf5File
+from clutch_hil.recordings.hdf5.file import Hdf5File
 from clutch_hil.recordings.stated_unit import join_units, list_unit_keys
 
 if TYPE_CHECKING:

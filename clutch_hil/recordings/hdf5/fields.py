@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clutch_hil.recordings.hdf5_file import Hdf5File
+from clutch_hil.recordings.hdf5.file import Hdf5File
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes, check_rows
 
