@@ -15,9 +15,9 @@ import numpy as np
 
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
-from protocols.files.mdf.mdf_conversions import TEXT
-from protocols.files.mdf.mdf_file import MdfFile
-from protocols.files.mdf.mdf_groups import MdfChannel, MdfGroup
+from protocols.files.mdf.conversions import TEXT
+from protocols.files.mdf.file import MdfFile
+from protocols.files.mdf.groups import MdfChannel, MdfGroup
 from protocols.files.output_file import whole_file
 from protocols.files.run import Run, parse_json
 

@@ -25,7 +25,7 @@ from protocols.files.arrow import convert_numbers, from_rows
 from protocols.files.arrow_file import PARQUET, ArrowFile, reading
 from protocols.files.bounds import check_rows
 from protocols.files.disk import Disk
-from protocols.files.mdf.mdf_file import MAGIC
+from protocols.files.mdf.file import MAGIC
 from protocols.files.output_file import make_part_path, open_part, put_in_place, whole_file
 from protocols.files.run import Run, parse_json
 from protocols.files.stretch import WHOLE, Stretch

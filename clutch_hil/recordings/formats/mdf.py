@@ -27,9 +27,9 @@ from clutch_hil.recordings.text_values import convert_texts
 from clutch_hil.recordings.unit_in_name import is_unit, take_unit
 from protocols.errors import InputError, format_count
 from protocols.files.bounds import check_rows
-from protocols.files.mdf.mdf_conversions import TEXT
-from protocols.files.mdf.mdf_file import MAGIC, MdfFile
-from protocols.files.mdf.mdf_groups import BUS_MESSAGES, MdfChannel, MdfGroup
+from protocols.files.mdf.conversions import TEXT
+from protocols.files.mdf.file import MAGIC, MdfFile
+from protocols.files.mdf.groups import BUS_MESSAGES, MdfChannel, MdfGroup
 from protocols.files.units import have_same_quantity, to_si
 
 _MASTER_UNITS = {"angle": "rad", "distance": "m", "index": "1"}  # ASAM MDF 4.2, table 17; where the file writes none

@@ -31,8 +31,8 @@ from protocols.files.bus_logs.line_frames import UsualLines, read_usual_lines
 from protocols.files.bus_logs.log_kind import MF4_MARKS, TextLog, holds_sqlite_frames, recognise_text_log
 from protocols.files.bus_logs.log_lines import LogLines, read_candump
 from protocols.files.bus_logs.sqlite_frames import read_sqlite_frames
-from protocols.files.mdf.mdf_blocks import check_blocks
-from protocols.files.mdf.mf4_frames import is_bus_log, read_frames
+from protocols.files.mdf.blocks import check_blocks
+from protocols.files.mdf.frames import is_bus_log, read_frames
 from protocols.files.quiet_libraries import quiet
 
 _BLOCK = 1 << 16  # bytes that decide the format; also frames per block

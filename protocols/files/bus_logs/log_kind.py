@@ -87,7 +87,7 @@ def find_log_kind(path: Path, head: bytes) -> str:
     if head.startswith(b"LOGG"):
         return "blf"
     if head.startswith(MF4_MARKS):
-        from protocols.files.mdf.mf4_frames import is_bus_log
+        from protocols.files.mdf.frames import is_bus_log
 
         return "mf4" if is_bus_log(path) else ""
     if holds_sqlite_frames(head):

@@ -13,7 +13,7 @@ from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
-from protocols.files.mdf.mdf_conversions import compute
+from protocols.files.mdf.conversions import compute
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 from tests.clutch_hil.recordings.mdf_files import (
     FORCE,

@@ -9,7 +9,7 @@ import pytest
 from asammdf import Signal
 from asammdf.blocks.v4_blocks import ChannelConversion
 
-from protocols.files.mdf.mdf_conversions import convert_texts
+from protocols.files.mdf.conversions import convert_texts
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
 from tests.clutch_hil.recordings.mdf_files import (
     FORCE,

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from protocols.files.mdf.mdf_conversions import NUMBER, STATUS, TEXT, find_kind
-from protocols.files.mdf.mf4_frames import holds_frames
+from protocols.files.mdf.conversions import NUMBER, STATUS, TEXT, find_kind
+from protocols.files.mdf.frames import holds_frames
 
 # Quantity of an MDF 4 master channel, by its number in the file
 MASTERS = ("unknown", "time", "angle", "distance", "index")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from protocols.errors import InputError
-from protocols.files.mdf.mdf_rows import count_rows
+from protocols.files.mdf.rows import count_rows
 
 ID_BYTES = 64  # length of the identification, after which the header begins
 PYTHON_BYTES = 60  # of memory for a row as a Python object, in addition to its content

@@ -11,11 +11,11 @@ import numpy as np
 
 from protocols.errors import InputError, tell_reason
 from protocols.files.bounds import MOST_BYTES, check_bytes, check_rows
-from protocols.files.mdf.mdf_blocks import open_checked
-from protocols.files.mdf.mdf_conversions import convert_texts, list_names, to_physical
-from protocols.files.mdf.mdf_groups import MAY_BE_INVALID, VALUE_TYPES_4, GroupList, MdfChannel, is_virtual
-from protocols.files.mdf.mdf_texts import cut_cells, decode, follow_offsets
-from protocols.files.mdf.mdf_walk import check_inflated, make_damage_error
+from protocols.files.mdf.blocks import open_checked
+from protocols.files.mdf.conversions import convert_texts, list_names, to_physical
+from protocols.files.mdf.groups import MAY_BE_INVALID, VALUE_TYPES_4, GroupList, MdfChannel, is_virtual
+from protocols.files.mdf.texts import cut_cells, decode, follow_offsets
+from protocols.files.mdf.walk import check_inflated, make_damage_error
 from protocols.files.quiet_libraries import quiet
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file

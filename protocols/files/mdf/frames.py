@@ -14,8 +14,8 @@ import can
 import numpy as np
 
 from protocols.errors import InputError
-from protocols.files.mdf.mdf_blocks import open_checked
-from protocols.files.mdf.mdf_walk import make_damage_error
+from protocols.files.mdf.blocks import open_checked
+from protocols.files.mdf.walk import make_damage_error
 from protocols.files.quiet_libraries import quiet
 
 _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads

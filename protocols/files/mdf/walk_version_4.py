@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from protocols.files.bounds import check_bytes
-from protocols.files.mdf.mdf_rows import ID_FORMS, VARYING, inflate_piece
-from protocols.files.mdf.mdf_walk import (
+from protocols.files.mdf.rows import ID_FORMS, VARYING, inflate_piece
+from protocols.files.mdf.walk import (
     ID_BYTES,
     MOST_BLOCKS,
     PYTHON_BYTES,

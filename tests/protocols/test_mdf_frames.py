@@ -8,7 +8,7 @@ from asammdf.blocks.conversion_utils import from_dict
 from asammdf.blocks.source_utils import Source
 from asammdf.blocks.v4_constants import BUS_TYPE_CAN, CHANNEL_TYPE_VIRTUAL, FLAG_CG_BUS_EVENT, SOURCE_BUS
 
-from protocols.files.mdf.mf4_frames import read_frames
+from protocols.files.mdf.frames import read_frames
 
 ROWS = 300  # more than buses can be
 BYTES = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)  # by length code, ISO 11898-1

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes
-from protocols.files.mdf.mdf_walk import ID_BYTES, PYTHON_BYTES, BlockWalk, make_damage_error
+from protocols.files.mdf.walk import ID_BYTES, PYTHON_BYTES, BlockWalk, make_damage_error
 
 _MOST_UNSORTED_ROWS = 10_000_000  # of MDF 3: each is a Python object while rows are sorted
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import IO
 
 from protocols.errors import InputError
-from protocols.files.mdf.mdf3_walk import Mdf3Walk
-from protocols.files.mdf.mdf4_walk import Mdf4Walk
-from protocols.files.mdf.mdf_walk import ID_BYTES, Condition, make_damage_error
+from protocols.files.mdf.walk import ID_BYTES, Condition, make_damage_error
+from protocols.files.mdf.walk_version_3 import Mdf3Walk
+from protocols.files.mdf.walk_version_4 import Mdf4Walk
 
 FINISHED, UNFINISHED = b"MDF     ", b"UnFinMF "  # first bytes of a file
 
