@@ -12,7 +12,7 @@ WORDS = typer.Argument(
     None,
     metavar="[EFFECT [SHORT=VALUE]... | GROUP.NAME=VALUE]...",
     help="effects, faults of the bus or of the computer to switch on, at typical values or the given ones, and parameters to"
-    " set; lists what is on now if not given",
+    " set; a value may have a unit, such as 34psi; lists what is on now if not given",
 )
 FREEZE = typer.Option([], help="sensor that freezes; may be given more than once")
 BIAS = typer.Option([], metavar="SENSOR=VALUE", help="sensor offset by this value; may be given more than once")
@@ -48,8 +48,10 @@ def inject(
 
     Faults of processes and of the computer are injected into the clutch-hil up of this computer.
     """
+    from functools import partial
+
     from clutch_hil.live.tuning.bench_faults import read_bench_fault, run_bench_fault
-    from clutch_hil.live.tuning.inject import parse_values, run_injection, show_state
+    from clutch_hil.live.tuning.inject import find_unit, parse_values, run_injection, show_state
     from protocols.can.two_clutches import check_clutch
 
     given = {"at": at, "after": after, "until": until, "for": hold}
@@ -73,7 +75,8 @@ def inject(
         report(*run_bench_fault(request, {name: s for name, s in given.items() if s is not None}, bus), json_output)
         return
     prefix = "" if clutch is None else f"{check_clutch(clutch)}."
-    values = {prefix + name: v for name, v in parse_values(words or [], off, freeze, bias).items()}
+    unit_of = partial(find_unit, prefix=prefix, bus=bus, router=router)
+    values = {prefix + name: v for name, v in parse_values(words or [], off, freeze, bias, unit_of).items()}
     when = {name: seconds for name, seconds in (given | {"ramp": ramp}).items() if seconds is not None}
     if not values:
         if when or off:

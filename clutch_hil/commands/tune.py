@@ -11,7 +11,8 @@ from protocols.errors import InputError
 NAMES = typer.Argument(
     None,
     metavar="[NAME[=VALUE]]...",
-    help="parameters to show or to set; a group such as torque. shows all its parameters",
+    help="parameters to show or to set, to a number or a number with a unit, such as 34psi; a group such as torque. shows all"
+    " its parameters",
 )
 CALIBRATION_FILE = typer.Option(
     None,

@@ -1,6 +1,7 @@
-"""Other units in which a user may give a parameter, `"34 psi"`, or in which a refused number may have been meant."""
+"""Other units in which a user may give a parameter, such as `34 psi`, or in which a refused number may have been meant."""
 
 import re
+from collections.abc import Callable
 from math import pi
 from typing import Any
 
@@ -40,6 +41,28 @@ def split_quantity(text: str) -> tuple[float, str] | None:
     """Return number and unit of a text such as `34 psi`; None for another text."""
     match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
     return (float(match["number"]), match["unit"]) if match else None
+
+
+def parse_number(name: str, text: str, find_unit: Callable[[], str]) -> float | None:
+    """Return the number in a `text` of the command line, such as `8` or `34 psi`, for the parameter `name`; None for no number.
+
+    The result is in the declared unit of the parameter. `find_unit` returns it, and is called only where `text` has a unit.
+    Raises InputError for a unit that is not of _OTHERS.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        if (quantity := split_quantity(text)) is None:
+            return None
+    number, unit = quantity
+    value: float = convert_fields(name, {"value": number, "unit": unit}, find_unit())["value"]
+    return value
+
+
+def refuse_unit_alone(word: str) -> None:
+    """Raise InputError if a word of the command line is a unit: `34 psi` without quotes is two words."""
+    if word in {_KELVIN, _CELSIUS, *_OTHERS, *(other for others in _OTHERS.values() for other in others)} - {"1"}:
+        raise InputError(f"{word!r} is a unit without a number; write both as one word, such as NAME=34{word}")
 
 
 def convert_fields(name: str, fields: dict[str, Any], unit: str) -> dict[str, Any]:

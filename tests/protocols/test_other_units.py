@@ -1,4 +1,4 @@
-"""Units of a user's file: a parameter may have another one than the declared, and a refused number is told one that fits."""
+"""Units of a user's file and words: a parameter may have another than the declared; a refused number is told one that fits."""
 
 import math
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
-from protocols.files.other_units import _OTHERS, describe_other_unit
+from protocols.files.other_units import _OTHERS, describe_other_unit, parse_number, refuse_unit_alone
 from protocols.files.parameters import load_overlay
 from protocols.files.units import have_same_quantity, parse_unit
 
@@ -123,3 +123,53 @@ def write_line(tmp_path: Path, line: str) -> Path:
     group, _, entry = line.partition(".")
     (path := tmp_path / "rig.toml").write_text(f"[{group}]\n{entry}\n", encoding="utf-8")
     return path
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("2.35", 2.35),
+        ("34 psi", 34.0 * 0.06894757293168362),
+        ("34psi", 34.0 * 0.06894757293168362),
+        ("235kPa", 2.35),
+        ("2.35 bar", 2.35),
+        ("1e1", 10.0),
+        ("abc", None),
+        ("", None),
+        ("psi", None),
+        ("nan bar", None),
+    ],
+)
+def test_a_word_may_have_a_number_with_its_unit(text: str, value: float | None) -> None:
+    read = parse_number("piston.contact_pressure", text, lambda: "bar")
+    assert read is None if value is None else read == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["34 Nm", "1 e1", "0x10", "5e"])
+def test_a_word_with_a_unit_that_does_not_fit_is_refused(text: str) -> None:
+    with pytest.raises(
+        InputError, match=r"^piston.contact_pressure is given in '.*'; its unit is 'bar'; allowed are also Pa,"
+    ):
+        parse_number("piston.contact_pressure", text, lambda: "bar")
+
+
+def test_the_declared_unit_is_looked_up_only_where_a_unit_is_given() -> None:
+    def ask_the_bench() -> str:
+        raise InputError("no bench runs")
+
+    assert parse_number("piston.contact_pressure", "2.35", ask_the_bench) == 2.35
+    with pytest.raises(InputError, match="no bench runs"):
+        parse_number("piston.contact_pressure", "34 psi", ask_the_bench)
+
+
+@pytest.mark.parametrize("word", ["psi", "Hz", "K", "degC", "%", "ms"])
+def test_a_unit_in_a_word_of_its_own_is_told_how_to_write_it(word: str) -> None:
+    with pytest.raises(
+        InputError, match=f"^'{word}' is a unit without a number; write both as one word, such as NAME=34{word}$"
+    ):
+        refuse_unit_alone(word)
+
+
+def test_a_name_is_no_unit() -> None:
+    for name in (*RIG, "internal_leakage", "1", ""):
+        refuse_unit_alone(name)

@@ -8,6 +8,7 @@ from clutch_hil.bench.faults.fault_requests import request_fault
 from plant_sim.bus_faults.catalogue import BUS_FAULTS
 from plant_sim.effects.catalogue import load_effects
 from protocols.errors import InputError, join_names, suggest_closest
+from protocols.files.other_units import parse_number, refuse_unit_alone
 
 
 def read_bench_fault(words: Sequence[str], process: str | None, signal: str | None, off: bool) -> dict[str, Any] | None:
@@ -25,6 +26,7 @@ def read_bench_fault(words: Sequence[str], process: str | None, signal: str | No
     known = [*load_effects(), *BUS_FAULTS, *HOST_FAULTS]
     for word in words:
         if not set(word) & set("=.") and word not in known:
+            refuse_unit_alone(word)
             raise InputError(f"effect or fault {word!r} is unknown; {suggest_closest(word, known)}")
     names = [word for word in words if word in HOST_FAULTS]
     if not names:
@@ -42,7 +44,8 @@ def read_bench_fault(words: Sequence[str], process: str | None, signal: str | No
     values = dict(word.split("=", 1) for word in words[1:])
     if len(values) < len(words) - 1:
         raise InputError(f"a parameter of {names[0]} was given twice")
-    return {"host_fault": names[0], "values": {name: _parse_number(name, text) for name, text in values.items()}}
+    numbers = {name: _parse_number(names[0], name, text) for name, text in values.items()}
+    return {"host_fault": names[0], "values": numbers}
 
 
 def run_bench_fault(
@@ -70,8 +73,12 @@ def list_bench_faults(bus: str | None) -> list[str]:
     return on
 
 
-def _parse_number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{name}={text} needs a number after the =") from None
+def _parse_number(fault: str, name: str, text: str) -> float:
+    """Return the number in `text` in the unit of the parameter `name` of a host fault. Raises InputError."""
+    units = {parameter.name: parameter.unit for parameter in HOST_FAULTS[fault].parameters}
+    if name not in units:
+        allowed = suggest_closest(name, units) if units else "it has none"
+        raise InputError(f"host fault {fault} has no parameter {name!r}; {allowed}")
+    if (value := parse_number(f"{fault}.{name}", text, lambda: units[name])) is None:
+        raise InputError(f"{name}={text} needs a number after the =")
+    return value

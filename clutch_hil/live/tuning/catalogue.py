@@ -9,6 +9,7 @@ from typing import Any
 
 from clutch_hil.bench.progress import format_table
 from protocols.errors import InputError, join_names
+from protocols.files.other_units import describe_other_unit, parse_number
 from protocols.files.units import space_unit
 from protocols.telemetry.keys import NODES, find_bus
 
@@ -54,19 +55,21 @@ class Catalogue:
         return [full for full in self.entries if full.startswith(start) or full.partition(".")[2].startswith(start)]
 
     def check_value(self, name: str, text: str) -> float:
-        """Return the value in `text` if it is valid for the parameter with the full name `name`. Raises InputError."""
+        """Return the value in `text` if it is valid for the parameter with the full name `name`. Raises InputError.
+
+        A text such as `34 psi` is converted to the unit of the parameter.
+        """
         entry = self.entries[name]
         low, high = entry["bounds"]
-        try:
-            value = float(text)
-        except ValueError:
+        if (value := parse_number(f"parameter {name}", text, lambda: str(entry["unit"]))) is None:
             allowed = with_unit(f"a number is needed, {low:g} to {high:g}", entry["unit"])
-            raise InputError(f"parameter {name} is given as {text!r}; {allowed}") from None
+            raise InputError(f"parameter {name} is given as {text!r}; {allowed}")
         if entry["fixed"]:
             raise InputError(entry["fixed"])
         if not low <= value <= high:
             given = with_unit(f"{value:g}", entry["unit"])
-            raise InputError(f"parameter {name} = {given} is outside {low:g}..{high:g}")
+            hint = describe_other_unit(value, entry["unit"], low, high)
+            raise InputError(f"parameter {name} = {given} is outside {low:g}..{high:g}{hint}")
         return value
 
     def _make_error(self, name: str) -> InputError:

@@ -1,7 +1,7 @@
 """`clutch-hil inject`: change effects, parameters and sensors of a running plant over zenoh, now or at a later time."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import zenoh
@@ -10,10 +10,12 @@ from clutch_hil.bench.progress import format_table
 from clutch_hil.live.tuning.bench_faults import list_bench_faults
 from clutch_hil.live.tuning.catalogue import format_step, with_unit
 from clutch_hil.live.tuning.tune import read_reply, request_parameters
-from plant_sim.bus_faults.catalogue import PARAMETERS
+from plant_sim.bus_faults.catalogue import BUS_FAULTS, PARAMETERS
+from plant_sim.effects.catalogue import load_effects
 from plant_sim.node.injection import bias_sensor, freeze_sensor, switch_off, switch_on
 from protocols.can.two_clutches import CLUTCHES
-from protocols.errors import InputError, format_count
+from protocols.errors import InputError, format_count, suggest_closest
+from protocols.files.other_units import parse_number
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, find_bus
 from protocols.telemetry.lab import find_asker_name
@@ -24,11 +26,14 @@ _TIMEOUT = 5.0  # s for an injection: the plant needs one cycle, and its publish
 _PLANT_PREFIX = "plant."  # allowed before a name, because `clutch-hil tune` shows it
 
 
-def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: Sequence[str]) -> dict[str, float]:
-    """Return values by dotted name from the words of the command. Raises InputError.
+def parse_values(
+    words: Sequence[str], off: bool, freeze: Sequence[str], bias: Sequence[str], find_unit: Callable[[str], str]
+) -> dict[str, float]:
+    """Return values by dotted name, in declared units, from the words of the command. Raises InputError.
 
     words: names of effects, SHORT=VALUE of the effect before it, or GROUP.NAME=VALUE. freeze: names of sensors. bias:
-    SENSOR=VALUE. off: switches effects off, releases frozen sensors and removes biases.
+    SENSOR=VALUE. off: switches effects off, releases frozen sensors and removes biases. A VALUE may have another unit, as in
+    `34 psi`; `find_unit` then returns the declared unit by dotted name.
     """
     given: dict[str, dict[str, float]] = {}  # by effect
     values: dict[str, float] = {}
@@ -43,16 +48,19 @@ def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: S
         elif off:
             raise InputError(f"{word!r} and --off cannot be combined; an effect that is switched off needs no value")
         elif "." in name:
-            _add_once(values, name, _parse_number(word, text))
+            _add_once(values, name, _parse_number(word, name, text, find_unit))
         elif not given:
             raise InputError(f"{word!r} comes before any effect; write EFFECT {word}, or GROUP.{word}")
         else:
-            _add_once(list(given.values())[-1], name, _parse_number(word, text))
+            effect = list(given)[-1]
+            switch_on(effect, {name: 0.0})  # raises InputError for an unknown parameter
+            _add_once(given[effect], name, _parse_number(word, f"{effect}.{name}", text, find_unit))
     for word in bias:
         sensor, equals, text = word.partition("=")
         if bool(equals) == off:
             raise InputError(f"--bias {word} is not possible; write --bias SENSOR=VALUE, or --bias SENSOR --off")
-        _add_once(biases, sensor, 0.0 if off else _parse_number(word, text))
+        (dotted,) = bias_sensor(sensor, 0.0)
+        _add_once(biases, sensor, 0.0 if off else _parse_number(word, dotted, text, find_unit))
     return list_injection_values(given, values, freeze, biases, off)
 
 
@@ -96,6 +104,25 @@ def inject(
         Keys(bench, "plant").change_by(by or find_asker_name(None)), payload=payload, timeout=_TIMEOUT
     )
     return read_reply(bench, "plant", replies)["accepted"]
+
+
+def find_unit(name: str, prefix: str, bus: str | None, router: str | None) -> str:
+    """Return the unit of a parameter by dotted name: of an effect or a fault of the bus, or of the running plant.
+
+    prefix: of the clutch in the plant, empty on a rig with one. Raises InputError.
+    """
+    group, _, short = name.partition(".")
+    effects = load_effects()
+    own = effects[group].parameters if group in effects else BUS_FAULTS[group].parameters if group in BUS_FAULTS else ()
+    for parameter in own:
+        if parameter.name == short:
+            return parameter.unit
+    with open_consumer_session(router) as session:
+        entries = request_parameters(session, find_bench(session, bus, router), "plant")
+    units = {str(entry["name"]): str(entry["unit"]) for entry in entries}
+    if prefix + name not in units:
+        raise InputError(f"parameter {prefix + name!r} is unknown; {suggest_closest(prefix + name, units)}")
+    return units[prefix + name]
 
 
 def run_injection(
@@ -211,8 +238,7 @@ def _add_once(values: dict[str, Any], name: str, value: Any) -> None:
     values[name] = value
 
 
-def _parse_number(word: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{word!r} needs a number after the =") from None
+def _parse_number(word: str, name: str, text: str, find_unit: Callable[[str], str]) -> float:
+    if (value := parse_number(name, text, lambda: find_unit(name))) is None:
+        raise InputError(f"{word!r} needs a number after the =")
+    return value

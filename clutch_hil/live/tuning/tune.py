@@ -22,6 +22,7 @@ from clutch_hil.live.tuning.catalogue import (
 )
 from plant_sim.effects.catalogue import load_effects
 from protocols.errors import InputError, format_count, join_names
+from protocols.files.other_units import refuse_unit_alone
 from protocols.telemetry.feed import find_bench, list_live_nodes
 from protocols.telemetry.keys import NODES, Keys, find_bus
 from protocols.telemetry.lab import find_asker_name
@@ -117,9 +118,8 @@ def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> t
     """
     setting = ["=" in argument for argument in arguments]
     if any(setting) and not all(setting):
-        raise InputError(
-            f"{arguments[setting.index(False)]!r} has no value, but other arguments have one; write it as NAME=VALUE"
-        )
+        refuse_unit_alone(word := arguments[setting.index(False)])
+        raise InputError(f"{word!r} has no value, but other arguments have one; write it as NAME=VALUE")
     for argument in arguments:
         if _is_number(argument):
             raise InputError(f"{argument!r} is a number, and no name of a parameter; write NAME=VALUE to set one")

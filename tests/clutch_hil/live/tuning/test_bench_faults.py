@@ -15,6 +15,7 @@ from tests.clutch_hil.live.running import RATE, run_command
     ("words", "process", "signal", "off", "request_"),
     [
         (["disk_slow", "delay=20"], None, None, False, {"host_fault": "disk_slow", "values": {"delay": 20.0}}),
+        (["disk_slow", "delay=0.02 s"], None, None, False, {"host_fault": "disk_slow", "values": {"delay": 20.0}}),
         (["disk_full"], None, None, False, {"host_fault": "disk_full", "values": {}}),
         (["disk_full", "disk_slow"], None, None, True, {"end": ["disk_full", "disk_slow"]}),
         ([], "plant", None, False, {"process": "plant", "signal": "kill"}),
@@ -37,6 +38,10 @@ def test_words_become_a_request(
     [
         (["disk_ful"], "effect or fault 'disk_ful' is unknown; did you mean disk_full"),
         (["disk_slow", "delay=x"], "delay=x needs a number after the ="),
+        (["disk_slow", "delay=20 bar"], "disk_slow.delay is given in 'bar'; its unit is 'ms'; allowed are also s, us"),
+        (["disk_slow", "dely=20 ms"], "host fault disk_slow has no parameter 'dely'; did you mean delay"),
+        (["disk_full", "delay=20 ms"], "host fault disk_full has no parameter 'delay'; it has none"),
+        (["disk_slow", "delay=20", "ms"], "'ms' is a unit without a number; write both as one word, such as NAME=34ms"),
         (["disk_slow", "delay=1", "delay=2"], "a parameter of disk_slow was given twice"),
         (["disk_slow", "frame_loss"], "inject a fault of the computer in a separate command"),
         (["frame_loss", "disk_slow"], "inject a fault of the computer in a separate command"),

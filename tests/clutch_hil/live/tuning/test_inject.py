@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import zenoh
 from clutch_hil.bench.unseal import read_truth
 from clutch_hil.live.recording.bench_recording import record
 from clutch_hil.live.tuning import inject as module
-from clutch_hil.live.tuning.inject import describe_change, inject, list_planned, parse_values, read_state
+from clutch_hil.live.tuning.inject import describe_change, find_unit, inject, list_planned, parse_values, read_state
 from clutch_hil.live.tuning.tune import request_parameters, set_parameters
 from plant_sim.node.injection import switch_on
 from protocols.errors import InputError
@@ -29,6 +30,7 @@ from tests.protocols.telemetry.benches import wait_until
 
 SUMP = "oil.sump_temperature"
 LEVEL = "friction_level.level"
+UNIT_OF = partial(find_unit, prefix="", bus="local:nobody", router=None)  # without a bench
 
 
 @pytest.mark.parametrize(
@@ -37,14 +39,17 @@ LEVEL = "friction_level.level"
         (["internal_leakage"], switch_on("internal_leakage")),
         (["friction_level", "level=0.8", SUMP + "=90"], {LEVEL: 0.8, SUMP: 90.0}),
         (["plant.oil.sump_temperature=90"], {SUMP: 90.0}),
+        (["friction_level", "level=80%"], {LEVEL: 0.8}),
+        ([LEVEL + "=80 %"], {LEVEL: 0.8}),
+        (["frame_loss", "commands=20 %"], {"frame_loss.commands": 0.2}),
     ],
 )
 def test_words_become_values(words: list[str], values: dict[str, float]) -> None:
-    assert parse_values(words, False, (), ()) == values
+    assert parse_values(words, False, (), (), UNIT_OF) == values
 
 
 def test_off_frees_and_biases_nothing() -> None:
-    assert parse_values(["friction_level"], True, ["pressure"], ["temperature"]) == {
+    assert parse_values(["friction_level"], True, ["pressure"], ["temperature"], UNIT_OF) == {
         LEVEL: 1.0, "friction_level.drift": 0.0, "sensor_freeze.pressure": 0.0, "temperature_sensor_offset.offset": 0.0,
     }  # fmt: skip
 
@@ -61,17 +66,37 @@ def test_off_frees_and_biases_nothing() -> None:
         (["friction_level", "level=1"], True, [], "an effect that is switched off needs no value"),
         ([], False, ["pressure"], "write --bias SENSOR=VALUE"),
         ([], True, ["pressure=1"], "write --bias SENSOR=VALUE, or --bias SENSOR --off"),
+        (
+            [],
+            False,
+            ["pressure=1 Nm"],
+            "pressure_sensor_offset.offset is given in 'Nm'; its unit is 'bar'; allowed are also Pa",
+        ),
+        (["friction_level", "level=1 bar"], False, [], "friction_level.level is given in 'bar'; its unit is '1'"),
+        (
+            ["friction_level", "levle=80 %"],
+            False,
+            [],
+            "effect friction_level has no parameter 'levle'; did you mean level",
+        ),
+        ([SUMP + "=363 K"], False, [], "no bench on local:nobody publishes telemetry"),
     ],
 )
 def test_words_that_cannot_be_meant_are_told(words: list[str], off: bool, bias: list[str], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        parse_values(words, off, (), bias)
+        parse_values(words, off, (), bias, UNIT_OF)
 
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[Running]:
     with running_bench(telemetry=True) as running:
         yield running
+
+
+def test_a_sensor_is_biased_in_another_unit() -> None:
+    assert parse_values([], False, (), ["pressure=20 kPa"], UNIT_OF) == {
+        "pressure_sensor_offset.offset": pytest.approx(0.2)
+    }
 
 
 class Line:
@@ -82,7 +107,7 @@ class Line:
 
     def inject(self, *words: str, freeze: Sequence[str] = (), off: bool = False, **when: float) -> list[dict]:
         named = {name.rstrip("_"): seconds for name, seconds in when.items()}
-        return inject(self.session, self.bench, parse_values(words, off, freeze, ()), named)
+        return inject(self.session, self.bench, parse_values(words, off, freeze, (), UNIT_OF), named)
 
     def read_state(self) -> dict[str, Any]:
         return read_state(self.session, self.bench)
@@ -211,6 +236,16 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
     assert sentence.startswith("b.friction_level.")
     assert "has only one: leave the name of the clutch out" in sentence
     assert line.read_state()["changed"] == []
+
+
+def test_a_parameter_of_the_plant_takes_another_unit(bench: Running, line: Line) -> None:
+    document = json.loads(
+        run_command("inject", SUMP + "=353.15 K", "--for", "0.1", "--bus", bench.bus, "--json").stdout
+    )
+    assert [round(change["new"], 9) for change in document["accepted"]] == [80.0, 70.0]
+    assert "did you mean oil.sump_temperature" in find_refusal(bench, "oil.sump_temprature=353.15 K")
+    assert f"{SUMP} is given in 'bar'; its unit is 'degC'; allowed is also K" in find_refusal(bench, SUMP + "=80 bar")
+    wait_until(lambda: not line.read_state()["changed"], "the change back")
 
 
 HOSTILE: list[Any] = [

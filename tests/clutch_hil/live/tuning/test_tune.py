@@ -46,6 +46,15 @@ CATALOGUE = Catalogue(
 )
 
 
+PRESSED = Catalogue(
+    BENCH,
+    {
+        "plant.piston.contact_pressure": make_entry("piston.contact_pressure", 2.35, "bar"),
+        "plant.valve.frequency": make_entry("valve.frequency", 60.0, "rad/s"),
+    },
+)
+
+
 def test_a_name_needs_no_node_where_it_is_clear() -> None:
     assert CATALOGUE.find_full_name("torque.integral_gain") == "controller.torque.integral_gain"
     assert CATALOGUE.find_full_name("plant.shared.name") == "plant.shared.name"
@@ -83,6 +92,38 @@ def test_values_are_sorted_by_node() -> None:
         "controller": {"torque.integral_gain": 0.5},
         "plant": {"clutch.coulomb_slope": 10.0},
     }
+
+
+def test_a_value_may_have_another_unit() -> None:
+    values = parse_assignments(PRESSED, ["piston.contact_pressure=34 psi", "valve.frequency=8Hz"])
+    assert values == {"plant": pytest.approx({"piston.contact_pressure": 2.3442, "valve.frequency": 50.265}, rel=1e-4)}
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        (
+            "34 Nm",
+            "parameter plant.piston.contact_pressure is given in 'Nm'; its unit is 'bar'; allowed are also Pa, kPa,",
+        ),
+        ("-34psi", "parameter plant.piston.contact_pressure = -2.34422 bar is outside 0..100"),
+        (
+            "235000",
+            "parameter plant.piston.contact_pressure = 235000 bar is outside 0..100; 235000 Pa would be 2.35 bar",
+        ),
+    ],
+)
+def test_a_value_in_a_wrong_unit_is_told(value: str, sentence: str) -> None:
+    with pytest.raises(InputError) as error:
+        parse_assignments(PRESSED, [f"piston.contact_pressure={value}"])
+    assert str(error.value).startswith(sentence)
+
+
+def test_a_unit_apart_from_its_number_is_told_before_any_bench_is_looked_for() -> None:
+    with pytest.raises(
+        InputError, match="'psi' is a unit without a number; write both as one word, such as NAME=34psi"
+    ):
+        run_tune(["piston.contact_pressure=34", "psi"], "local:nobody", None)
 
 
 @pytest.mark.parametrize(
