@@ -6,8 +6,8 @@ is a file mapped into memory (in /dev/shm where there is one), so it needs no se
 
 Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity, description), rows written (u64), rows collected
 (i64, -1 without a collector), rows of doubles.
-x86 and ARMv8.1+ keep the order "row, then count", as the interpreter stores in that order. A reader that is overtaken while it
-copies detects this from the count.
+x86 keeps the order of stores, so a reader that sees the count also sees the row. ARM does not promise this, and the bench was
+never run there. A reader that is overtaken while it copies detects this from the count.
 """
 
 import json

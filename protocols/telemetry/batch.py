@@ -13,9 +13,10 @@ import pyarrow as pa
 from protocols.errors import InputError
 from protocols.files.arrow import from_rows
 from protocols.node import Column
+from protocols.telemetry.message import LATEST
 
 _MOST_BYTES = 64 << 20  # of a message: 1 s of history of two clutches at 10 kHz takes 12 MB
-_MOST_NUMBER = 1 << 62  # of a row, a session, a UNIX time
+_MOST_NUMBER = 1 << 62  # of a row, a session
 _HIGHEST_RATE = 1e6  # Hz: a hundred times the highest of a loop
 _LONGEST_REASON = 200  # characters of another library's error message
 _NEEDED_OF_PLANT, _NEEDED_OF_CONTROLLER = ("plant_clock_s", "time_s"), ("clock_s", "sample_tick")
@@ -128,7 +129,7 @@ def _check(batch: Batch, node: str) -> None:
     for what, number, most in (
         ("rate", batch.rate, _HIGHEST_RATE), ("first row", batch.first_row, _MOST_NUMBER),
         ("session", batch.session, _MOST_NUMBER), ("rows lost", batch.rows_lost, _MOST_NUMBER),
-        ("epoch", batch.epoch, _MOST_NUMBER),
+        ("epoch", batch.epoch, LATEST),
     ):  # fmt: skip
         if not (number > 0.0 if what == "rate" else number >= 0.0) or not number <= most:
             raise InputError(f"telemetry of the {node} has the {what} {str(number)[:30]}; allowed are 0 to {most:g}")

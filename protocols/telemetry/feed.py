@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from math import inf
 from typing import Any, TypeVar
 
 import zenoh
@@ -126,6 +127,12 @@ class Feed:
     def describe(self, node: str) -> dict[str, Any] | None:
         """Return the description of a node (keys.py); None when it does not answer."""
         return ask(self._session, Keys(self.bench, node).describe, check_description)
+
+    def read_clock(self, node: str) -> float:
+        """Return CLOCK_MONOTONIC [s] of a node at its newest row; -inf without one."""
+        last = ask(self._session, Keys(self.bench, node).last, check_last) or {}
+        clock = last.get("values", {}).get(f"{node}_clock_s", {}).get("value")
+        return -inf if clock is None else float(clock)
 
     @property
     def rejections(self) -> str:

@@ -1,4 +1,4 @@
-"""Keys of a bench's telemetry in zenoh. A bench is named BUS@HOST, its nodes are `plant` and `controller`.
+"""Keys of a bench's telemetry in zenoh. A bench is named BUS@HOST, its nodes are `plant`, `controller` and `controller_b`.
 
 | key after `clutch-hil/BENCH/NODE/` | kind | payload |
 |---|---|---|
@@ -17,6 +17,8 @@
 WHEN is the payload {"values": {name: value}} with at most one of "at" [s of the node's time] and "after" [s from now], "ramp"
 [s], and at most one of "until" [s of the node's time] and "for" [s from the ramp's end], when the parameters return to their
 old values. An event of an injection has "injection": "accepted", "started" or "ended"; its "row" is the first with the change.
+"time" is the time of day [s, UNIX], "clock_s" CLOCK_MONOTONIC [s], which nobody sets. So is the "epoch_s" of a description, the
+present sum to add to it for the time of day.
 NAME is who asks. On a network with certificates it must be the name in the certificate, and a request has "checked": true.
 """
 

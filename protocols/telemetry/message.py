@@ -13,9 +13,9 @@ _MOST_BYTES = 16 << 20  # of a message: all parameters of a plant take 0.1 MB, 1
 _SHOWN = 60  # characters of a wrong value
 
 _MOST_WHOLE = 1 << 53  # integers below it are exact in a double
-_LATEST = 9e9  # s, UNIX time in the year 2255: its ns fit into 64 bits, as the viewer needs
+LATEST = 9e9  # s, UNIX time in the year 2255: its ns fit into 64 bits, as the viewer needs
 _TEXT, _NUMBER, _WHOLE, _ANY_NUMBER = "a text", "a finite number", "a whole number from 0 to 2^53", "a number"
-_TIME, _NUMBER_OR_NULL = f"a UNIX time from 0 to {_LATEST:g} s", "a finite number or null"
+_TIME, _NUMBER_OR_NULL = f"a UNIX time from 0 to {LATEST:g} s", "a finite number or null"
 _DESCRIPTION = {"session": _WHOLE}
 _COLUMN = {"name": _TEXT, "unit": _TEXT, "meaning": _TEXT}
 _EVENT = {
@@ -46,6 +46,8 @@ def parse_message(payload: bytes) -> Any:
 def check_description(value: Any) -> dict[str, Any]:
     """Return `value` if it is a valid node description (keys.py)."""
     described = _check("a description", value, _DESCRIPTION)
+    if "epoch_s" in described:
+        _check("a description", described, {"epoch_s": _TIME})
     columns = described.get("columns")
     if not isinstance(columns, list) or not columns:
         raise InputError("a description has no columns")
@@ -71,8 +73,9 @@ def check_event(value: Any) -> dict[str, Any]:
     event = _check("an event", value, _EVENT)
     if event["node"] not in NODES:
         raise InputError(f"an event is of the node {_shorten(event['node'])}; allowed are {', '.join(NODES)}")
-    if "by" in event:
-        _check("an event", event, {"by": _TEXT})
+    for name, kind in {"by": _TEXT, "clock_s": _NUMBER}.items():
+        if name in event:
+            _check("an event", event, {name: kind})
     return _check("an event of an injection", event, _INJECTION) if "injection" in event else event
 
 
@@ -129,7 +132,7 @@ def _is(kind: str, value: Any) -> bool:
     if kind is _WHOLE:
         return isinstance(value, int) and 0 <= value < _MOST_WHOLE
     if kind is _TIME:
-        return 0 <= value <= _LATEST
+        return 0 <= value <= LATEST
     if kind is _ANY_NUMBER:
         return value == value  # bounds may be infinite
     try:

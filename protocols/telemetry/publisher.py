@@ -18,6 +18,7 @@ import zenoh
 
 from protocols.can.fault_text import FaultWatch
 from protocols.errors import InputError, suggest_closest
+from protocols.files.other_units import describe_other_unit
 from protocols.node import Column
 from protocols.realtime.mailbox import Asker
 from protocols.realtime.ring import RingReader
@@ -29,17 +30,19 @@ from protocols.telemetry.message import parse_message
 from protocols.telemetry.pending_changes import PendingChanges
 from protocols.telemetry.session import open_publisher_session
 from protocols.telemetry.truth import reveals_truth
-from protocols.telemetry.tuning import ASKED
+from protocols.telemetry.tuning import ASKED, MOST_VALUES
 
 PERIOD = 0.02  # s between batches: 20 rows at 1 kHz; a fifth of the 100 ms allowed from cycle to screen
 HISTORY = 30.0  # s of rows for consumers that join late
 _REPLY_SECONDS = 1.0  # s of rows in one reply of the history: some hundred kB
 _ANSWER_TIMEOUT = 2.0  # s for a loop to make a change of parameters; later it refuses. A cycle takes milliseconds
 _ANSWER_MARGIN = 0.2  # s more for its answer to arrive
+# s from the arrival of a change, within which a loop may make it: ten changes wait for 2 s, then _ANSWER_TIMEOUT. The caller
+# waits for 5 s (clutch_hil/live/tuning). It must not report that nobody answers before the change is made
+_MOST_DELAY = 4.0
 # s between two changes that are forwarded: each costs the loop a cycle of 1 ms, so less than 1 % of all cycles
 _CHANGE_PERIOD = 0.2
 _MOST_WAITING = 10  # changes that wait for this period; more are refused
-_MOST_VALUES = 1000  # values in one change: a plant of two clutches has 500 parameters
 _MOST_DEMAND = 200  # characters of the text of a demand
 # newest events and newest requests kept for queries: an answer must fit into a message (message.py)
 _MOST_KEPT = 10_000
@@ -70,7 +73,7 @@ class Publisher:
         self._blind = bool(about["blind"])
         self._shown = [i for i, c in enumerate(ring.columns) if not (self._blind and reveals_truth(c.name))]
         columns = list_run_columns(self._node, [ring.columns[i] for i in self._shown])
-        epoch = time.time() - time.monotonic()
+        epoch = _measure_epoch()
         self._encoder = BatchEncoder(self._node, about["session"], self._rate, epoch, columns)
         self._columns = columns
         self._parameters = {entry["name"]: entry for entry in about["parameters"]}
@@ -84,18 +87,18 @@ class Publisher:
         self._requests: deque[dict[str, Any]] = deque(maxlen=_MOST_KEPT)
         self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
-        self._waiting: deque[tuple[zenoh.Query, dict[str, Any]]] = deque()  # requested changes: query and request
+        # requested changes: query, request, and until when a loop may make it [s of CLOCK_MONOTONIC]
+        self._waiting: deque[tuple[zenoh.Query, dict[str, Any], float]] = deque()
         self._next_change = 0.0  # s of CLOCK_MONOTONIC, from which the next one is forwarded
         self._next = 0  # number of the next row
         keys = Keys(about["bench"], self._node)
         described = about | {
             "columns": [Column(*c)._asdict() for c in columns],
-            "epoch_s": epoch,
             "names_checked": checked,
         }
         for name in ("parameters", "bus_faults", "planned"):
             described.pop(name, None)
-        self._description = json.dumps(described)
+        self._described = described
         self._record = session.declare_publisher(
             keys.record,
             encoding=ENCODING,
@@ -139,10 +142,12 @@ class Publisher:
         while (query := self._asked.try_recv()) is not None:
             _answer(query, self._take_change)
         if self._waiting and (now := time.monotonic()) >= self._next_change:
-            query, request = self._waiting.popleft()
+            query, request, until = self._waiting.popleft()
             self._next_change = now + _CHANGE_PERIOD
             _answer(
-                query, lambda query: query.reply(query.key_expr, json.dumps(self._forward_request(request))), last=True
+                query,
+                lambda query: query.reply(query.key_expr, json.dumps(self._forward_request(request, until))),
+                last=True,
             )
 
     def _make_fault_watch(self, columns: list[str]) -> FaultWatch | None:
@@ -187,7 +192,8 @@ class Publisher:
         query.reply(query.key_expr, json.dumps({"row": self._next - 1, "values": values}))
 
     def _answer_describe(self, query: zenoh.Query) -> None:
-        query.reply(query.key_expr, self._description)
+        # its epoch is the present one: the time of day may have been set since the start
+        query.reply(query.key_expr, json.dumps(self._described | {"epoch_s": _measure_epoch()}))
 
     def _answer_events(self, query: zenoh.Query) -> None:
         query.reply(query.key_expr, json.dumps(list(self._events)))
@@ -211,8 +217,10 @@ class Publisher:
             return
         timed = isinstance(asked, dict) and isinstance(asked.get("values"), dict)
         values = asked["values"] if timed else asked
-        if not isinstance(values, dict) or not 0 < len(values) <= _MOST_VALUES:
-            raise InputError(f"a change must be a JSON object of names and numbers, at most {_MOST_VALUES}")
+        if not isinstance(values, dict):
+            raise InputError("a change must be a JSON object of names and numbers")
+        if not 0 < len(values) <= MOST_VALUES:
+            raise InputError(f"a change has {len(values)} values; allowed are 1 to {MOST_VALUES}")
         known = self._parameters | (self._bus_faults if timed else {})
         for name, value in values.items():
             if (entry := known.get(name)) is None:
@@ -224,7 +232,8 @@ class Publisher:
             if not (number and low <= value <= high):
                 unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
                 shown = f"{value:g}" if isinstance(value, float) else repr(value)[:_SHOWN]
-                raise InputError(f"parameter {name} = {shown}{unit} is outside {low:g}..{high:g}")
+                hint = describe_other_unit(value, entry["unit"], low, high) if isinstance(value, float) else ""
+                raise InputError(f"parameter {name} = {shown}{unit} is outside {low:g}..{high:g}{hint}")
             if entry["fixed"]:
                 raise InputError(entry["fixed"])
         when = {"when": {key: value for key, value in asked.items() if key != "values"}} if timed else {}
@@ -237,13 +246,21 @@ class Publisher:
             raise InputError(
                 f"{_MOST_WAITING} changes are already waiting, and {rate:g} per second are made; try again later"
             )
-        self._waiting.append((query, request))
+        self._waiting.append((query, request, time.monotonic() + _MOST_DELAY))
 
-    def _forward_request(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Ask the loop to make or plan a change, and return its answer. Raises InputError if it refuses."""
-        request |= {"until": time.monotonic() + _ANSWER_TIMEOUT}
+    def _forward_request(self, request: dict[str, Any], until: float) -> dict[str, Any]:
+        """Ask the loop to make or plan a change, and return its answer. Raises InputError if it refuses.
+
+        until: when the loop makes it no more [s of CLOCK_MONOTONIC]; earlier changes may have waited for a stopped loop.
+        """
+        patience = min(until - time.monotonic(), _ANSWER_TIMEOUT)
+        request |= {"until": time.monotonic() + patience}
         try:
-            answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER_TIMEOUT + _ANSWER_MARGIN))
+            if patience <= 0.0:
+                raise InputError(
+                    f"earlier changes waited for the service for {_MOST_DELAY:g} s; it is busy or stopped."
+                )
+            answer = json.loads(self._mailbox.ask(json.dumps(request), patience + _ANSWER_MARGIN))
         except InputError as error:
             raise InputError(f"{self._node}: {error} Nothing was changed") from None
         if "refused" in answer:
@@ -273,9 +290,14 @@ class Publisher:
             self._put({"injection": stage} | change)
 
     def _put(self, content: dict[str, Any]) -> None:
-        event = {"node": self._node, "time": time.time()} | content
+        event = {"node": self._node, "time": time.time(), "clock_s": time.monotonic()} | content
         self._events.append(event)
         self._event.put(json.dumps(event))
+
+
+def _measure_epoch() -> float:
+    """Return the time of day [s, UNIX] minus CLOCK_MONOTONIC; 0 on a machine whose days begin at its start."""
+    return max(time.time() - time.monotonic(), 0.0)
 
 
 def _check_demand(text: Any) -> str:

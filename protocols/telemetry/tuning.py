@@ -14,6 +14,8 @@ from protocols.realtime.mailbox import MOST_BYTES, Mailbox
 
 ASKED = ("values", "when", "demand")  # entries of a request with the requested content
 _MOST_LOGGED = 100_000  # requests, and changes: 5 h at five a second; each has about 0.2 kB
+# values in one change: the answer lists each with its old and new value, twice where it goes back, by up to 300 bytes
+MOST_VALUES = 100
 _MOST_REASON = 1000  # characters of a refusal: the answer must fit into the mailbox
 
 
@@ -130,6 +132,8 @@ class Tuning:
             request = json.loads(self._mailbox.request())
             if time.monotonic() > request["until"]:  # the caller has timed out and assumes that nothing changes
                 raise InputError("the change arrived too late")
+            if len(request.get("values", ())) > MOST_VALUES:  # its answer would not fit, after the change is made
+                raise InputError(f"a change has {len(request['values'])} values; allowed are {MOST_VALUES}")
             if "demand" in request:
                 answer = {}
             elif "when" in request:

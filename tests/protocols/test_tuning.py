@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from clutch_hil.bench.rig import find_rig
 from plant_sim.node.injection import Injection
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
@@ -16,7 +17,7 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.node import load_node
 from protocols.realtime.mailbox import Asker, Mailbox
-from protocols.telemetry.tuning import Tunable, Tuning, describe_parameters
+from protocols.telemetry.tuning import MOST_VALUES, Tunable, Tuning, describe_parameters
 from rt_controller.law.valve_gains import VALVE
 
 PATIENCE_FOR_MANY = 60.0  # s; before its first sample a plant prepares all of them anew
@@ -42,9 +43,11 @@ def make_controller() -> Tunable:
     return load_node("controller")()
 
 
-def ask_in_thread(asker: Asker, tuning: Tuning, values: dict, row: int = 7, patience: float = PATIENCE) -> dict:
+def ask_in_thread(
+    asker: Asker, tuning: Tuning, values: dict, row: int = 7, patience: float = PATIENCE, when: dict | None = None
+) -> dict:
     """Ask for a change while a loop turns."""
-    request = {"values": values, "until": time.monotonic() + patience}
+    request = {"values": values, "until": time.monotonic() + patience} | ({"when": when} if when else {})
     answers: list[str] = []
     thread = threading.Thread(target=lambda: answers.append(asker.ask(json.dumps(request), patience)))
     thread.start()
@@ -113,6 +116,24 @@ def test_more_planned_changes_than_an_answer_can_list_end_no_loop(
     assert ("refused" in answer) is started
     assert "planned" not in answer
     assert len(node.planned_changes) == MANY_PLANNED
+
+
+def test_as_many_values_as_are_allowed_fit_into_an_answer_and_more_end_no_loop(mailbox: Mailbox, asker: Asker) -> None:
+    """Of a plant with two clutches, whose names are the longest; they change along a ramp and go back."""
+    node = find_rig("power_shift").plant.make_node(1000)
+    free = [p for p in node.parameters.values() if node.explain_fixed(p.name) is None]
+    free.sort(key=lambda parameter: -len(parameter.name + parameter.unit))
+    values = {p.name: p.value for p in free}
+    tuning = Tuning(node, mailbox)
+    assert len(values) > MOST_VALUES
+    sentence = f"a change has {len(values)} values; allowed are {MOST_VALUES}"
+    assert ask_in_thread(asker, tuning, values, patience=PATIENCE_FOR_MANY)["refused"] == sentence
+    few = dict(list(values.items())[:MOST_VALUES])
+    answer = ask_in_thread(asker, tuning, few, row=1 << 40, patience=PATIENCE_FOR_MANY)
+    assert len(answer["changed"]) == MOST_VALUES
+    when = {"at": 1.0 / 3.0, "ramp": 2.0 / 3.0, "for": 4.0 / 3.0}
+    answer = ask_in_thread(asker, tuning, few, patience=PATIENCE_FOR_MANY, when=when)
+    assert len(answer["accepted"]) == 2 * MOST_VALUES
 
 
 @pytest.mark.parametrize(

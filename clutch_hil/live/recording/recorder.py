@@ -90,18 +90,18 @@ class RecordingResult:
 
 @dataclass(frozen=True)
 class _NodeDescription:
-    """Description that a node gave of itself when it was `asked` (UNIX time [s])."""
+    """Description that a node gave of itself when it was `asked` [s of CLOCK_MONOTONIC, which nobody sets]."""
 
     node: str
     described: dict[str, Any]
     parameters: dict[str, float]
     asked: float
 
-    def list_parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
-        """Return the parameters at a UNIX time [s]: those at the time `asked`, with later changes applied or undone."""
-        own = [change for change in changes if change["node"] == self.node]
-        later = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
-        earlier = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
+    def list_parameters_at(self, clock: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
+        """Return the parameters at a `clock` [s of CLOCK_MONOTONIC]: those when `asked`, with later changes made or undone."""
+        own = [(change["clock_s"], change) for change in changes if change["node"] == self.node and "clock_s" in change]
+        later = {change["name"]: change["new"] for at, change in own if self.asked < at < clock}
+        earlier = {change["name"]: change["old"] for at, change in reversed(own) if clock <= at <= self.asked}
         return self.parameters | later | earlier
 
 
@@ -251,7 +251,9 @@ class Recorder:
         plant = columns.pop("plant")
         recording = SealedRecording if self._blind else Recording
         tape = self._tapes[path] = Tape(make_rows_path(path), batch, plant, columns, recording)
-        began = batch["plant_clock_s"][0] + batch.epoch
+        clock = float(batch["plant_clock_s"][0])
+        # of the description: the time of day may have been set since the start of the plant
+        began = clock + float(self._descriptions["plant"].described.get("epoch_s", batch.epoch))
         self.recorded.rate = round(batch.rate)
         self._note_changes()
         self._metadata[path] = {
@@ -262,7 +264,7 @@ class Recorder:
             "time_zero": _format_time(began - batch["time_s"][0]),
             "versions": self._descriptions["plant"].described["versions"],
             **{
-                f"{node}_parameters": self._descriptions[node].list_parameters_at(began, self._changes)
+                f"{node}_parameters": self._descriptions[node].list_parameters_at(clock, self._changes)
                 for node in self._list_nodes()
             },
             "settings": {"mode": "recorded from telemetry"},
@@ -281,7 +283,7 @@ class Recorder:
 
     def _ask(self, node: str) -> None:
         """Request the description of a node as soon as it is alive: it may have ended before its last rows arrive."""
-        asked_at = time.time()
+        asked_at = self._feed.read_clock(node)
         if (described := self._feed.describe(node)) is not None:
             with contextlib.suppress(InputError):  # it has ended in the meantime
                 entries = request_parameters(self._session, self._feed.bench, node)

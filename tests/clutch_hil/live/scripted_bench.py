@@ -42,6 +42,9 @@ class ScriptedFeed:
     def read_requests(self) -> list[dict[str, Any]]:
         return []
 
+    def read_clock(self, node: str) -> float:
+        return -np.inf
+
     def describe(self, node: str) -> dict[str, Any]:
         return {"columns": [column._asdict() for column in self._columns[node]], "session": 1, "versions": {}}
 

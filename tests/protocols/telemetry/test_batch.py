@@ -61,6 +61,7 @@ def test_what_is_no_batch_is_refused(payload: bytes) -> None:
         (encode(rate=np.nan), "has the rate nan"),
         (encode(rate=np.inf), "has the rate inf"),
         (encode(epoch=-np.inf), "has the epoch -inf"),
+        (encode(epoch=1e10), "has the epoch 10000000000.0; allowed are 0 to 9e"),
         (encode(first=-1), "has the first row -1"),
         (encode(first=10**30), "has the first row 1000"),
         (encode(session=10**4000), "has the session"),

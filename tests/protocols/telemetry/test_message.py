@@ -59,6 +59,11 @@ def test_a_wrong_or_missing_entry_is_refused(check: Callable[[Any], Any], right:
     if "time" in right:
         with pytest.raises(InputError, match="an event has time = 1e\\+300; a UNIX time"):
             check(right | {"time": 1e300})
+    for name, one in {"epoch_s": check_description, "clock_s": check_event}.items():
+        if check is one:
+            assert check(right | {name: 5.0})[name] == 5.0
+            with pytest.raises(InputError, match=f"has {name} = "):
+                check(right | {name: rubbish if rubbish != -1 else "-1"})
     with pytest.raises(InputError, match="events are 3"):
         check_events(3)
 

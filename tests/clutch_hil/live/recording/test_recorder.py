@@ -1,6 +1,7 @@
 """The recorder: rows of a bench become run files without a gap, and what is missing is told."""
 
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from clutch_hil.live.recording.recorder import RecordingResult
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from tests.clutch_hil.live.scripted_bench import (
+    EPOCH,
     RATE,
     SECONDS,
     ScriptedFeed,
@@ -96,6 +98,33 @@ def test_a_controller_that_counts_from_another_wrap_is_joined_by_its_clock(
     run = read_run(tmp_path / "run.parquet")
     np.testing.assert_array_equal(run["controller_sample_tick"], played["controller_sample_tick"])
     np.testing.assert_array_equal(run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"])
+
+
+def test_the_parameters_at_the_beginning_do_not_depend_on_the_time_of_day() -> None:
+    """A bench PC without a battery starts in 1970, until a time server sets its clock: here after the first change."""
+    times = {10.0: 30.0, 40.0: 1.7e9, 60.0: 1.7e9 + 20.0}
+    changes = [
+        {"node": "controller", "name": "a.b", "old": float(k), "new": k + 1.0, "time": day, "clock_s": clock}
+        for k, (clock, day) in enumerate(times.items())
+    ]
+    others = [changes[0] | {"node": "plant", "old": 7.0}, {"node": "controller", "name": "a.b", "old": 8.0, "new": 9.0}]
+    for asked in (5.0, 50.0, 70.0):
+        known = {"a.b": float(sum(clock < asked for clock in times)), "c.d": 4.0}
+        node = recorder._NodeDescription("controller", {}, known, asked)
+        for clock, value in ((5.0, 0.0), (20.0, 1.0), (45.0, 2.0), (65.0, 3.0)):
+            assert node.list_parameters_at(clock, [*changes, *others]) == {"a.b": value, "c.d": 4.0}
+
+
+def test_a_run_is_dated_by_the_present_time_of_day(
+    played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder, "request_parameters", lambda session, bench, node: [])
+    feed = ScriptedFeed(played, split_steps(played))
+    described = feed.describe
+    feed.describe = lambda node: described(node) | {"epoch_s": EPOCH + 3600.0}
+    record_feed(feed, tmp_path / "run.parquet")
+    recorded = datetime.fromisoformat(read_run(tmp_path / "run.parquet").metadata["recorded_at"])
+    assert recorded.timestamp() == EPOCH + 3600.0 + 1000.0
 
 
 def test_a_controller_that_publishes_later_than_the_plant_is_waited_for(
