@@ -39,7 +39,7 @@ class ViewerStream:
     """Send rows to the viewer at `url` [rerun+http://...]. Use as a context manager.
 
     limit: bytes of waiting rows. light: send only the data of a light screen. sent, dropped: rows by node; rows that a viewer
-    had not accepted when it ended count as dropped.
+    had not accepted when it ended count as dropped. error: what ended the thread, or None.
     """
 
     def __init__(
@@ -47,6 +47,7 @@ class ViewerStream:
     ) -> None:
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
+        self.error: Exception | None = None
         self._url, self._name, self._blueprint, self._limit = url, name, blueprint, limit
         self._light = light
         self._id = str(uuid.uuid4())
@@ -97,10 +98,13 @@ class ViewerStream:
 
     def _run(self) -> None:
         """Connect and send until the end; reconnect when the viewer has ended."""
-        while not self._end.is_set():
-            with contextlib.suppress(RuntimeError):
-                self._send_until_end()
-            self._end.wait(_RETRY_PERIOD)
+        try:
+            while not self._end.is_set():
+                with contextlib.suppress(RuntimeError):
+                    self._send_until_end()
+                self._end.wait(_RETRY_PERIOD)
+        except Exception as error:  # raised again by the main thread
+            self.error = error
 
     def _send_until_end(self) -> None:
         """Send until the end. Raises RuntimeError when the viewer has ended."""

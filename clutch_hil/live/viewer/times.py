@@ -10,7 +10,6 @@ import rerun as rr
 from protocols.telemetry.batch import Batch
 
 TIME, RIG_TIME, ROW = "time", "rig_time", "row"
-_CLOCKS = ("plant_clock_s", "controller_clock_s")
 
 
 @dataclass(frozen=True)
@@ -49,20 +48,20 @@ def make_times(batch: Batch, live: bool) -> Times:
     """Return the times of a batch's rows. live: with UNIX time. A row with unknown clock gets the epoch plus its rig time."""
     row = np.arange(batch.first_row, batch.end)
     names = {column.name for column in batch.columns}
+    tick, clock_name = f"{batch.node}_sample_tick", f"{batch.node}_clock_s"
     if "time_s" in names:
         seconds = batch["time_s"]
-    elif "controller_sample_tick" in names:  # -1 before the first sample; not-a-number in a run file
-        seconds = np.nan_to_num(batch["controller_sample_tick"], nan=-1.0) / batch.rate
+    elif tick in names:  # -1 before the first sample; not-a-number in a run file
+        seconds = np.nan_to_num(batch[tick], nan=-1.0) / batch.rate
     else:
         seconds = row / batch.rate
     rig = _convert_to_nanoseconds(np.where(np.isfinite(seconds), seconds, row / batch.rate))
     if not live:
         return Times(row, rig, None)
     clock = rig
-    for name in _CLOCKS:
-        if name in names:
-            ticking = np.isfinite(batch[name])
-            clock = np.where(ticking, _convert_to_nanoseconds(np.where(ticking, batch[name], 0.0)), rig)
+    if clock_name in names:
+        ticking = np.isfinite(batch[clock_name])
+        clock = np.where(ticking, _convert_to_nanoseconds(np.where(ticking, batch[clock_name], 0.0)), rig)
     return Times(row, rig, clock + round(batch.epoch * 1e9))
 
 

@@ -240,7 +240,7 @@ class LiveView:
                 if viewer.find_exit_reason() is not None:  # rows on their way to a closed window do not count as lost
                     break
                 result.dropped = dropped
-                watch.wait(showing, *([saving] if saving else []))
+                watch.wait(showing, stream, *([saving] if saving else []))
         _raise_error(showing)
         result.viewer = viewer.find_exit_reason() or None
         if viewer.find_exit_reason() is None:
@@ -261,7 +261,7 @@ class Watch:
         """Return whether the view is over."""
         return self._stop.asked or (self._end is not None and time.monotonic() >= self._end)
 
-    def wait(self, *threads: FeedThread) -> None:
+    def wait(self, *threads: FeedThread | ViewerStream) -> None:
         """Wait a moment, and report that the view is alive. Raises the error of a thread that has failed."""
         self._notifier.ping()
         time.sleep(_POLL_PERIOD)
@@ -269,6 +269,6 @@ class Watch:
             _raise_error(thread)
 
 
-def _raise_error(thread: FeedThread) -> None:
+def _raise_error(thread: FeedThread | ViewerStream) -> None:
     if thread.error:
         raise thread.error

@@ -32,7 +32,7 @@ PAGE_PORT = 9090  # rerun's default, for a browser
 _LAST_PORT = 65535  # of TCP: 16 bits
 _START_TIMEOUT = 30.0  # s for the process to listen, after a cold start from disk
 _POLL_PERIOD = 0.05  # s between checks
-_WINDOW_MEMORY = "1GB"  # of rows in the window's process: half an hour at 1 kHz and 60 signals; it needs 300 MB more
+_WINDOW_MEMORY = "1GB"  # of rows in the window's process: 25 minutes at 1 kHz and 60 signals; it needs 450 MB more
 _PAGE_MEMORY = "256MB"  # of rows for browsers that join late: some minutes, which also have to be loaded first
 _SERVER_MEMORY = "64MiB"  # of rows that wait for the window's process, which stores them itself
 _WINDOW_SIZE = "1600x900"  # points
@@ -226,7 +226,7 @@ def _check_address(address: str) -> str:
             probe.bind((address, 0))
     except (ValueError, OSError):
         raise InputError(
-            f"the page cannot be served at {address[:60]!r}; allowed is an address of this machine, such as 192.168.1.5"
+            f"the page cannot be served at {address[:60]!r}; allowed is an IPv4 address of this machine, such as 192.168.1.5"
         ) from None
     return address
 

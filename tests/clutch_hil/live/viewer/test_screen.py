@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import rerun.chunk
 from clutch_hil.live.viewer.dashboard import list_places
 from clutch_hil.live.viewer.rrd_reader import read_rrd
 from clutch_hil.live.viewer.screen import Screen
+from clutch_hil.live.viewer.times import make_times
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
@@ -55,6 +57,15 @@ def test_not_a_number_breaks_nothing(nodes: dict[str, Batch], logged: Logged) ->
         assert np.array_equal(read_rrd(logged.path)[node].rows, batch.rows, equal_nan=True)
     for strip in list_cells(chunks["/torque_over_slip/data/true"], "LineStrips2D:strips"):
         assert np.isfinite(strip).all()
+
+
+def test_rows_of_the_second_controller_stand_at_the_times_of_the_first(nodes: dict[str, Batch]) -> None:
+    first = nodes["controller"]
+    names = [column.name.replace("controller_", "controller_b_", 1) for column in first.columns]
+    columns = tuple(column._replace(name=name) for column, name in zip(first.columns, names, strict=True))
+    times = [make_times(batch, True) for batch in (first, replace(first, node="controller_b", columns=columns))]
+    for part in ("row", "rig", "unix"):
+        np.testing.assert_array_equal(*(getattr(one, part) for one in times))
 
 
 def test_live_rows_stand_at_unix_time_and_at_the_rigs_time(nodes: dict[str, Batch], logged: Logged) -> None:
