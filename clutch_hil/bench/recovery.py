@@ -9,7 +9,7 @@ import numpy as np
 from clutch_hil.bench.sealed import SealedWriter, make_truth_path
 from protocols.errors import InputError
 from protocols.files.journal import JournalReader, LivingWriterError, find_run, list_journals
-from protocols.files.output_file import check_new_file, make_part_path
+from protocols.files.output_file import check_new_file
 from protocols.files.runs import RunWriter, read_last_row, remove_dead_parts
 from protocols.realtime.shared_folder import remove_dead_folders
 
@@ -77,8 +77,6 @@ def recover(journal: Path) -> Recovered:
         free = run.with_stem(f"{run.stem}-recovered") if run.exists() else run
         check_new_file(free)
         result = _write(rows, free, make_truth_path(free) if sealed else None)
-        for file in (run, recorded):
-            make_part_path(file).unlink(missing_ok=True)  # part file of the dead writer
         if sealed and not run.exists():
             recorded.unlink(missing_ok=True)
         journal.unlink()

@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -61,16 +61,29 @@ class Journal:
                 f"journal {self.path} exists: another recorder writes it, or clutch-hil recover is to take it"
             )
         with self._writing():
-            # buffered: an unbuffered file on a full disk writes only a part of a piece, and Arrow does not check that
-            self._file = self.path.open("xb")
+            self._file = self._open_locked()
             try:
-                fcntl.flock(self._file, fcntl.LOCK_EX)
                 self._writer = pa.ipc.new_stream(self._file, self._schema)
             except OSError:
                 self.path.unlink(missing_ok=True)
                 with contextlib.suppress(OSError):
                     self._file.close()
                 raise
+
+    def _open_locked(self) -> BinaryIO:
+        """Return the new, locked file, created again if a recovery removed it before it was locked: it looked abandoned."""
+        while True:
+            # buffered: an unbuffered file on a full disk writes only a part of a piece, and Arrow does not check that
+            file = self.path.open("xb")
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX)
+            except OSError:
+                self.path.unlink(missing_ok=True)
+                file.close()
+                raise
+            if os.fstat(file.fileno()).st_nlink:
+                return file
+            file.close()
 
     def append(self, rows: np.ndarray) -> None:
         """Add `rows`, shape (samples, columns). Raises InputError; rows added before stay readable.

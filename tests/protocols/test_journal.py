@@ -12,8 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clutch_hil.bench.recovery import recover_folder
 from protocols.errors import InputError
+from protocols.files import journal as journal_module
 from protocols.files.journal import Journal, JournalReader, find_run, list_journals, make_journal_path
+from protocols.files.runs import RunWriter
 from protocols.node import Column
 
 COLUMNS = [Column("time_s", "s", "time"), Column("x_nm", "Nm", "a torque")]
@@ -60,6 +63,29 @@ def test_a_killed_writer_leaves_every_row_it_had_appended(tmp_path: Path) -> Non
         JournalReader(journal.path)
     journal._file.close()
     np.testing.assert_array_equal(read(journal.path), make_piece(0))
+
+
+def test_a_journal_that_is_taken_for_a_dead_one_before_it_is_locked_is_created_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second bench starts in the same folder between the creation and the lock, and recovers what has no lock."""
+    lock = journal_module.fcntl.flock
+
+    def lock_late(file: object, how: int) -> None:
+        monkeypatch.setattr(journal_module.fcntl, "flock", lock)
+        (done,) = recover_folder(tmp_path, lambda text: None)
+        assert done.file is None
+        lock(file, how)
+
+    with RunWriter(run := tmp_path / "run.parquet", COLUMNS) as writer:
+        monkeypatch.setattr(journal_module.fcntl, "flock", lock_late)
+        journal = Journal(run, COLUMNS, METADATA)
+        journal.append(make_piece(0))
+        journal.close()
+        writer.append(make_piece(0))
+        writer.finish(METADATA)
+    np.testing.assert_array_equal(read(journal.path), make_piece(0))
+    assert run.exists()
 
 
 def test_a_cut_file_gives_its_whole_pieces(tmp_path: Path) -> None:
