@@ -91,8 +91,8 @@ class StatusLine:
         c = {name: controller[i] for name, i in self._controller.items()}
         return (
             f"{p['time_s']:6.1f}{self._of_duration} s  {self._format_rate()} Hz  {self._phases[int(c['phase'])]:<12}"
-            f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:6.2f}"
-            f"  {self._torque[1]} {p[self._torque[0]]:6.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
+            f"  torque demand {c['torque_demand_nm']:z5.2f}  estimate {c['torque_estimate_nm']:z6.2f}"
+            f"  {self._torque[1]} {p[self._torque[0]]:z6.2f} Nm  pressure {p['cylinder_pressure_bar']:z4.2f} bar"
             f"  late {int(c['late_cycles'])}{self._waits(c)}"
         )
 

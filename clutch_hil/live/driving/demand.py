@@ -300,8 +300,8 @@ class _StatusLine:
         }.get(setpoint.request, f"{setpoint.torque:5.2f} Nm")
         text = (
             f"{elapsed:6.1f}{self._end} s  {answer.phase or '-':<12}  {answer.clutch or '-':<8}  demand {demand}"
-            f"  estimate {'-' if estimate is None else f'{estimate:.2f}':>6} Nm"
-            f"  pressure {'-' if pressure is None else f'{pressure:.2f}':>4} bar  speed {setpoint.speed:.2f} rad/s"
+            f"  estimate {'-' if estimate is None else f'{estimate:z.2f}':>6} Nm"
+            f"  pressure {'-' if pressure is None else f'{pressure:z.2f}':>4} bar  speed {setpoint.speed:.2f} rad/s"
         )
         if self._console.is_terminal:
             self._live.update(Text(text, no_wrap=True, overflow="ellipsis"), refresh=True)

@@ -120,7 +120,7 @@ def _draw_trace(quantity: Quantity, clutch: ClutchSnapshot, scaled: Sequence[Clu
 
 
 def _format_value(value: float) -> Text:
-    return Text("-" if np.isnan(value) else f"{value:.2f}", "bold")
+    return Text("-" if np.isnan(value) else f"{value:z.2f}", "bold")  # z: no -0.00
 
 
 def _format_unit(quantity: Quantity) -> str:
@@ -193,6 +193,6 @@ def _format_clutch(clutch: ClutchSnapshot) -> str:
     return (
         f"  {f'{clutch.name}: ' if clutch.name else ''}{clutch.phase or '-'}  {clutch.state or '-'}"
         f"  fault {clutch.fault or '-'}"
-        f"  torque demand {value['torque demand']:.2f} estimate {value['torque estimate']:.2f}"
-        f" true {value['torque true']:.2f} Nm  pressure {value['pressure']:.2f} bar  slip {value['slip']:.2f} rad/s"
+        f"  torque demand {value['torque demand']:z.2f} estimate {value['torque estimate']:z.2f}"
+        f" true {value['torque true']:z.2f} Nm  pressure {value['pressure']:z.2f} bar  slip {value['slip']:z.2f} rad/s"
     )

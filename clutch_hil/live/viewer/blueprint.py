@@ -15,7 +15,7 @@ from clutch_hil.live.viewer.torque import ERROR
 from protocols.can.two_clutches import CLUTCHES
 
 _TRAIL_SECONDS = 5.0  # s shown in the x-y plots; an engagement of the clutch takes less
-_AXES = ((-16.0, 200.0), (-104.0, 27.0))  # range of an x-y plot: its axes, and margins for the tick labels
+_AXES = ((-16.0, 200.0), (-98.0, 16.0))  # range of an x-y plot: its axes, and margins for the tick labels
 _TITLES = {plot.path: plot.title for plot in (*PLOTS, REST)} | {
     ERROR: "torque error, + is above the demand [Nm]",
     "states": "phase, clutch, fault",

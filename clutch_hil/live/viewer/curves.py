@@ -40,7 +40,6 @@ class Curve:
 
     path: str
     title: str
-    labels: tuple[str, str]
     high: np.ndarray
     trails: tuple[Trail, ...]
     low: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -49,11 +48,11 @@ class Curve:
 def make_curves() -> tuple[Curve, ...]:
     """Return the two x-y plots. The initial axes have the range of the engagement profile."""
     return (
-        Curve("torque_over_pressure", "torque over pressure", ("pressure [bar]", "torque [Nm]"), np.array([4.0, 20.0]), (
+        Curve("torque_over_pressure", "torque [Nm] over pressure [bar]", np.array([4.0, 20.0]), (
             Trail("estimate", "controller_pressure_bar", "controller_torque_estimate_nm"),
             Trail("true", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm"),
         )),
-        Curve("torque_over_slip", "torque over slip", ("slip [rad/s]", "torque [Nm]"), np.array([25.0, 20.0]), (
+        Curve("torque_over_slip", "torque [Nm] over slip [rad/s]", np.array([25.0, 20.0]), (
             Trail("estimate", "controller_slip_rad_s", "controller_torque_estimate_nm"),
             Trail("true", "truth_slip_speed_rad_s", "truth_clutch_torque_nm"),
         )),
@@ -143,10 +142,9 @@ class Curves:
             across + along, colors=[palette.make_rgba(palette.GRID)], radii=rr.Radius.ui_points(0.4), draw_order=-1.0
         )
         self._canvas.log_static(f"{curve.path}/grid", grid)
-        marks = [(line[0][0], 2.0) for line in across] + [(-7.0, line[0][1] - 5.0) for line in along]
-        texts = [f"{value:g}" for value in (*np.round(xs, 9), *np.round(ys, 9))]
-        marks += [(width / 2.0, 13.0), (12.0, -height - 16.0)]
-        texts += curve.labels
+        first = 0 if curve.low.any() else 1  # one 0 at the corner stands for both axes
+        marks = [(line[0][0], 2.0) for line in across] + [(-7.0, line[0][1] - 5.0) for line in along[first:]]
+        texts = [f"{value:g}" for value in (*np.round(xs, 9), *np.round(ys[first:], 9))]
         labels = rr.Points2D(marks, labels=texts, colors=[palette.make_rgba(palette.TEXT)], radii=0.0, show_labels=True)
         self._canvas.log_static(f"{curve.path}/labels", labels)
 

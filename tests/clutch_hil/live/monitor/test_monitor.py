@@ -228,6 +228,13 @@ def test_a_quantity_and_a_state_have_the_colours_of_the_pictures() -> None:
     assert Color.parse(palette.ESTIMATE) in bars
 
 
+def test_noise_below_zero_has_no_sign() -> None:
+    batch = make_batch("controller", 0, 20, controller_pressure_bar=-0.004, controller_torque_estimate_nm=-0.004)
+    snapshot = make_collector(make_batch("plant", 0, 20), batch).make_snapshot(NOW)
+    for text in (*render_screen(snapshot), format_snapshot(snapshot)):
+        assert "-0.00" not in text
+
+
 def test_only_the_last_changes_are_kept_in_the_order_of_time() -> None:
     watched = make_collector(make_batch("plant", 0, 20))
     change = {"node": "plant", "name": "clutch.coulomb_slope", "old": 10.8, "new": 11.0, "unit": "Nm/bar", "row": 1}

@@ -84,6 +84,15 @@ def test_trails_join_up_whatever_the_batches(nodes: dict[str, Batch], logged: Lo
         assert before[-1] == after[0]
 
 
+def test_the_corner_of_both_axes_has_one_zero(nodes: dict[str, Batch], logged: Logged) -> None:
+    """In a narrow page two of them cover each other."""
+    logged.make_screen([nodes["plant"]])
+    logged.list_chunks()
+    for chunk in rerun.chunk.RrdReader(logged.path).stream():
+        if chunk.entity_path in ("/torque_over_pressure/labels", "/torque_over_slip/labels"):
+            assert chunk.to_record_batch()["Points2D:labels"].to_pylist()[-1].count("0") == 1
+
+
 def test_axes_grow_with_the_data(nodes: dict[str, Batch], logged: Logged) -> None:
     plant = nodes["plant"]
     rows = plant.rows.copy()
