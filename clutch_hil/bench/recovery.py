@@ -77,6 +77,7 @@ def recover(journal: Path) -> Recovered:
         free = run.with_stem(f"{run.stem}-recovered") if run.exists() else run
         check_new_file(free)
         result = _write(rows, free, make_truth_path(free) if sealed else None)
+        remove_dead_parts(run.parent)  # not that of another writer, which keeps it locked
         if sealed and not run.exists():
             recorded.unlink(missing_ok=True)
         journal.unlink()
