@@ -258,11 +258,11 @@ class Publisher:
         try:
             if patience <= 0.0:
                 raise InputError(
-                    f"earlier changes waited for the service for {_MOST_DELAY:g} s; it is busy or stopped."
+                    f"earlier changes waited for the service for {_MOST_DELAY:g} s; it is busy or stopped"
                 )
             answer = json.loads(self._mailbox.ask(json.dumps(request), patience + _ANSWER_MARGIN))
         except InputError as error:
-            raise InputError(f"{self._node}: {error} Nothing was changed") from None
+            raise InputError(f"{self._node}: {error}; nothing was changed") from None
         if "refused" in answer:
             raise InputError(answer["refused"])
         if (planned := answer.pop("planned", None)) is not None:  # else as before

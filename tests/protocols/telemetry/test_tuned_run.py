@@ -85,7 +85,7 @@ def test_a_stopped_service_refuses_a_change_and_does_not_make_it_later(local_bus
         name = wait_for_bench(session, local_bus)
         before = request_parameters(session, name, "controller")
         services["controller"].send_signal(signal.SIGSTOP)
-        with pytest.raises(InputError, match=r"controller: the service has not answered .* Nothing was changed"):
+        with pytest.raises(InputError, match=r"controller: the service has not answered .*; nothing was changed"):
             set_parameters(session, name, "controller", {"torque.integral_gain": 0.5})
         services["controller"].send_signal(signal.SIGCONT)
         changed = set_parameters(session, name, "controller", {"torque.proportional_gain": 0.02})["changed"]

@@ -62,7 +62,7 @@ def test_changes_behind_others_are_refused_in_time_and_never_made(stopped: Stopp
                 refusals.append(reply.err.payload.to_bytes().decode())
         assert time.monotonic() - began < 3.0 * LATEST
     assert "the service has not answered within 0.6 s" in refusals[0]
-    assert "earlier changes waited for the service for 1 s; it is busy or stopped. Nothing was changed" in refusals[-1]
+    assert "earlier changes waited for the service for 1 s; it is busy or stopped; nothing was changed" in refusals[-1]
     request = json.loads(stopped.mailbox.request())  # the loop turns again, and finds only the first
     assert request["values"] == {"x.gain": 2.0}
     assert request["until"] < time.monotonic()
