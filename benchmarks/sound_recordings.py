@@ -3,6 +3,7 @@
 Copies must pass the opening, otherwise they do not test the readers: so a log has a database, and a text has a suitable map.
 """
 
+import json
 import resource
 import struct
 import zlib
@@ -101,6 +102,11 @@ def _list_tables(folder: Path) -> Iterator[Sound]:
     yield _import_by_map(folder, text, "text of a logger", whole=False, time="time", torque="torque", speed="speed")
     yield _import_by_map(folder, parquet, "Parquet", run=True)
     yield _import_by_map(folder, feather, "Feather")
+    objects, columns = folder / "sound.jsonl", folder / "sound.json"
+    objects.write_text("".join(json.dumps(row) + "\n" for row in table.to_pylist()))
+    columns.write_text(json.dumps({"units": {"torque_nm": "Nm"}} | table.to_pydict()))
+    yield _import_by_map(folder, objects, "JSON, objects", whole=False)
+    yield _import_by_map(folder, columns, "JSON, columns", whole=False)
 
 
 def _list_measurements(folder: Path) -> Iterator[Sound]:

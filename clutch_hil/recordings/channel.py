@@ -162,7 +162,7 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
 NO_VALUES = "no value in the first and last rows"  # comment for a column of a text file that may be empty
 TIME_NAMES = (
     "time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime", "x_value", "tout", "時間",
-    "時刻", "时间",
+    "時刻", "时间", "시간", "время", "czas", "čas", "idő", "aika", "zaman",
 )  # fmt: skip
 # Spellings of units that pint does not know, or misunderstands: no rig measures coulomb, farad, siemens, gigaradian, or
 # kilograms times or over a length. Pressures of a clutch are relative to the atmosphere: a mark of this (`barg`) does not

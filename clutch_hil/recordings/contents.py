@@ -201,7 +201,7 @@ def _find_clock(channels: Sequence[Channel]) -> Channel | None:
     """Return the channel that is most likely the time: a time axis, or by name, or by unit; None if there is none."""
     tests = (
         lambda c: c.kind == "time" and c.name != ARRIVAL,  # which is late, and uneven, beside a time of the sender
-        lambda c: _simplify_name(hint_unit(c.name)[0]) in TIME_NAMES,
+        lambda c: {hint_unit(c.name)[0].lower(), _simplify_name(hint_unit(c.name)[0])} & {*TIME_NAMES},
         lambda c: _simplify_name(c.name).removesuffix("_s") in TIME_NAMES,
         lambda c: _simplify_name(c.name).startswith("time"),
         lambda c: _find_ending(simplify_unit(c.unit or _take_hint(c))) == "s" and c.name != ARRIVAL,

@@ -26,9 +26,6 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
     (rb"\|CF,", "a file of imc FAMOS", "save its channels as CSV, MDF or TDMS"),
     (rb"(\xef\xbb\xbf)?\s*(<\?xml.{0,500})?<usi:tdm", "the header of a TDM file", "save its channels as TDMS"),
     (rb"(\xef\xbb\xbf)?\s*<(\?xml|!(?i:doctype)|(?i:html)|!--)", "XML or HTML", _TEXT),
-    # A line of JSON above rows is none: `{"dt": 0.01}` and then names
-    (rb"(?!(\xef\xbb\xbf)?\{[^\n]{0,1000}\}[ \r]*\n[^\s{}\[\],])(\xef\xbb\xbf)?\s*(\{\s*\"|\[\s*(\{\s*\"|\[\s*[-\d\"]))",
-     "JSON", "write its numbers into CSV, one row a sample"),
     (rb"\xd4\xc3\xb2\xa1|\xa1\xb2\xc3\xd4|\x4d\x3c\xb2\xa1|\n\r\r\n", "a capture of packets",
      "save its frames by candump -l"),
     (rb"DIAEXTENDED", "the header of a DAT file of DIAdem", "save its channels as TDMS"),

@@ -6,6 +6,7 @@ Rule            A signal is interpolated linearly between its samples. A status 
 Gaps            A step between two samples of more than `longest_gap_s` ends a piece, and the next sample begins another: a gap
                 is never bridged. Where no longest gap was stated, a step of more than ten median steps is an error.
 Missing         A sample that is not a number counts as missing where a signal is resampled.
+Events          Of single rows at one time, as a simulation has them before and after an event, the last one counts.
 References      Oppenheim and Schafer, Discrete-Time Signal Processing, section 4.6 (filter before the rate is reduced);
                 Gautier 1997 (forwards and backwards filter before inverse dynamics)
 """
@@ -17,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from protocols.errors import InputError
+from protocols.errors import InputError, format_count
 from protocols.files.bounds import check_rows
 
 _FILTER_ORDER = 4  # usual before inverse dynamics: Gautier 1997
@@ -28,6 +29,8 @@ ANTI_ALIAS_SHARE = 0.4  # share of the new rate: a common margin of a fifth belo
 _FALLS = 1.01  # ratio of rates: smaller differences are within the tolerance of a sample period
 _MOST_PIECES = 1000  # runs from one recording, at most: more indicate a wrong longest_gap_s
 _HOUR = 3600.0  # s, by which clocks are set back at the end of summer time
+# share of rows at the time of the row before: an event of a simulation has two rows; more are a clock that is too coarse
+_MOST_REPEATED = 0.05
 _GAP_STEPS = 10.0  # median steps, chosen: ten lost samples in a row are no jitter of a clock
 
 
@@ -64,6 +67,7 @@ def join(file: Path, columns: Sequence[TimedColumn], sampling: Sampling) -> tupl
     resample; where more rows are asked for than memory allows.
     """
     notes: list[str] = []
+    columns = _keep_last_at_each_time(columns, notes)
     for column in columns:
         _check_increasing(file, column)
     if sampling.resample_hz:
@@ -88,6 +92,27 @@ def join(file: Path, columns: Sequence[TimedColumn], sampling: Sampling) -> tupl
         pieces.append(piece)
     _note_low_pass(columns, sampling, notes)
     return pieces, notes
+
+
+def _keep_last_at_each_time(columns: Sequence[TimedColumn], notes: list[str]) -> Sequence[TimedColumn]:
+    """Return the columns without single rows at the time of the row after them; a note tells how many these are."""
+    kept: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # by the identity of a time: which rows remain, and their times
+    for time in (column.time for column in columns):
+        repeated = np.flatnonzero(np.diff(time) == 0.0)
+        if id(time) in kept or not 0 < len(repeated) <= _MOST_REPEATED * len(time):
+            continue
+        remain = np.ones(len(time), bool)
+        remain[repeated] = False
+        kept[id(time)] = remain, time[remain]
+        rows = format_count(len(repeated), "row")
+        text = f"left out {rows} at the time of the row after it, as at an event of a simulation, the first at"
+        notes.append(f"{text} {time[repeated[0]]:.6g} s")
+    return [
+        replace(column, time=kept[id(column.time)][1], values=column.values[kept[id(column.time)][0]])
+        if id(column.time) in kept
+        else column
+        for column in columns
+    ]
 
 
 def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, notes: list[str]) -> list[Columns]:

@@ -13,11 +13,13 @@ _BRACKETED = re.compile(
 )
 # Units in a name without brackets, behind a separator, or in brackets before its end
 _HINTED = (
-    r"(?P<unit>[munµμ]s|(?i:rpm|psi|kpa|bar)|(?:rad|deg|km|m)[/_](?:s|h)|[kMh]?Pa|mbar|[mkc]?Nm|(?:ft|in)[_-]?lbf?|kN|mm|um|deg[CF]?|°[CF]"
+    r"(?P<unit>[munµμ]s|(?i:rpm|psi|kpa|bar)|(?:rad|deg|km|m)[/_](?:s|h)|kmh|[kMh]?Pa|mbar|[mkc]?Nm|(?:ft|in)[_-]?lbf?|kN|mm|um|deg[CF]?|°[CF]"
     r"|m[VA]|k?Hz|min-1|min\^-1|min⁻¹|[1U]/min)"
 )
 _HINT = re.compile(rf"(?P<name>.+?)[ _/|:-]{_HINTED}")
 _WITHIN = re.compile(rf"(?:[ _/|:,-]|[\[(<{{]){_HINTED}(?=[ _/|:,-]|[\])>}}])")
+# Any unit in brackets before the end, `Amplitude (V) - Plot 0` of LabVIEW, but for letters that tell wheels or coils apart
+_IN_BRACKETS = re.compile(r".+?[\[(](?P<unit>[smhVANW%]|[^\d\W][^\[\]()]+)[\])]\s*[ -].*")
 _PER = re.compile(r"(rad|deg|km|m)_([sh])")
 # The same in names such as `speedRpm`, for times also in capitals, and as a complete name
 _CAMEL = re.compile(r"(?P<name>.*[a-z0-9])(?P<unit>Rpm|RPM|(?<![cdkm])Nm|KNm|KPa|Kpa|Bar|Psi|PSI)")
@@ -89,6 +91,8 @@ def hint_unit(name: str) -> tuple[str, str]:
         if match := written.fullmatch(name):
             return match["name"], unit
     within = {_write_unit(match["unit"]) for match in _WITHIN.finditer(name)}
+    if not within and (match := _IN_BRACKETS.fullmatch(name)) and is_unit(match["unit"]):
+        return name, _write_unit(match["unit"])
     return (name, within.pop()) if len(within) == 1 else (name, "")
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from openpyxl.styles.numbers import is_date_format
 
+from clutch_hil.recordings.text.cells import Cells
 from clutch_hil.recordings.unit_in_name import is_unit
 
 _DAY_US = 86_400_000_000  # us
@@ -21,8 +22,13 @@ _LATEST_DAY = 2_958_466.0  # days of Excel; 1 January 10000
 # the days, which are 9, 0.9 or 0.6 us
 _NEAR = ((100, 5.0), (10, 1.5))
 _NO_VALUE = "#N/A"  # what the reader of text takes for no value; all errors of Excel are none
-_UNIT_SHOWN = re.compile(r'[#0?.,]+\s*(?:"\s*(?P<unit>[^"]+?)\s*"|\\(?P<letter>\S))')  # a format such as 0.00" Nm"
+# A number format with a text behind the number: 0.00" Nm", or General\ "Nm" and 0.0\ \N\m, as Excel writes what people type
+_SHOWN = re.compile(r'(?P<digits>[#0?.,]+|General)(?P<text>(?:"[^"]*"|\\.|_.|\s)+)', re.IGNORECASE)
+_LITERAL = re.compile(r'"([^"]*)"|\\(.)|_.')  # `_x` is a gap as wide as x
+_CONDITION = re.compile(r"\[[^\]]*\]")  # a colour, a condition or a language
+_THOUSANDTHS = re.compile(r"(?<=[#0?]),+(?=\.|$)")  # commas behind the digits, each of which shows a thousandth: 0.0,
 _CONTROL = dict.fromkeys([*range(32), 127], " ")
+_ESCAPED = re.compile(r"_x00(?:[01][0-9A-F]|7F)_")  # characters that XML does not have
 
 
 class CellTexts:
@@ -50,18 +56,20 @@ class CellTexts:
             return value.isoformat()
         if isinstance(value, timedelta):
             return _write_duration(value / timedelta(days=1))
-        return " ".join(str(value).translate(_CONTROL).split())
+        return " ".join(_ESCAPED.sub(" ", str(value)).translate(_CONTROL).split())
 
     def _choose_writer(self, shown: str) -> Callable[[float], str]:
         """Return how numbers of a number format are written: what Excel shows counts, but for its rounding."""
         if is_date_format(shown):
             return self._write_time
-        if "%" in re.sub(r'"[^"]*"', "", shown):
+        if "%" in _LITERAL.sub("", shown):
             return lambda value: f"{self._write_number(100.0 * value)} %"
-        unit = _UNIT_SHOWN.fullmatch(shown.split(";")[0])
-        text = (unit["unit"] or unit["letter"]) if unit else ""
-        if text and is_unit(text):
-            return lambda value: f"{self._write_number(value)} {text}"
+        if unit := _SHOWN.fullmatch(_CONDITION.sub("", shown.split(";")[0])):
+            text = _LITERAL.sub(r"\1\2", unit["text"]).strip()
+            commas = _THOUSANDTHS.search(unit["digits"])
+            divisor = 1000 ** len(commas[0]) if commas else 1
+            if is_unit(text) and Cells().split_unit(f"1 {text}")[1] == text:  # else it would be taken for a word: 1 h
+                return lambda value: f"{self._write_number(value / divisor if commas else value)} {text}"
         return self._write_number
 
     def _write_number(self, value: float) -> str:

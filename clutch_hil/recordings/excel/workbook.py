@@ -36,7 +36,8 @@ def serve(path: str, target: str, sheet: str, decimal: str) -> Callable[[Any], A
         raise
     except Exception as error:  # openpyxl raises whatever its objects raise for a damaged part
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"recording {path} cannot be read as a workbook of Excel: {reason}") from None
+        remedy = "; if Excel or LibreOffice can open it, save it there"
+        raise InputError(f"recording {path} cannot be read as a workbook of Excel: {reason}{remedy}") from None
     return lambda question: answer
 
 

@@ -60,7 +60,8 @@ class ArrowRecording:
     def __init__(self, path: Path) -> None:
         self._path, self._file = path, ArrowFile(path, read_head(path))
         self.notes: list[str] = []
-        self.numbers: dict[str, float] = {}
+        self._numbers: dict[str, float] = {}
+        self.numbers: Mapping[str, float] = self._numbers
         self.start = ""
         self._origin: dict[str, int] = {}  # by the kind of clock: ticks of the first time of day
         self._places: dict[int, int] = {}  # by number of the channel
@@ -233,9 +234,9 @@ class ArrowRecording:
                     self._pandas_units |= {str(k): v for k, v in units.items() if isinstance(v, str)}
             for key, one in attributes.items():
                 if isinstance(one, int | float) and not isinstance(one, bool) and isfinite(one):
-                    self.numbers[key] = float(one)
+                    self._numbers[key] = float(one)
                 elif isinstance(one, str) and (split := split_value(key, one)):
-                    self.numbers[split[0]] = split[1]
+                    self._numbers[split[0]] = split[1]
         self.start = next((str(v) for key in _START if isinstance(v := _parse_entry(metadata, key), str)), "")
 
 

@@ -18,7 +18,8 @@ from clutch_hil.recordings.formats.text import Text
 from clutch_hil.recordings.unpacked_recording import UnpackedRecording, shown_as
 from protocols.files.child_reader import ChildReader
 
-_BEGIN, _BOOK = b"PK\x03\x04", re.compile(r"(?i)xl/workbook\d*\.xml")
+_BEGIN, _BOOK = b"PK\x03\x04", re.compile(r"(?i)(?:.*[/\\])?workbook\d*\.xml")
+_TYPES = "[Content_Types].xml"  # part of each file of Office
 # s of computing for a sheet: 8 us for each of the cells that are allowed, on a machine of half the speed
 _MOST_SECONDS = 400
 _LINE = re.compile(r"\bline(s? )(?=\d)")
@@ -40,7 +41,7 @@ class Excel:
             return False
         try:
             with ZipFile(path) as archive:
-                return any(map(_BOOK.fullmatch, archive.namelist()))
+                return _TYPES in archive.namelist() and any(map(_BOOK.fullmatch, archive.namelist()))
         except (OSError, ValueError, NotImplementedError, BadZipFile):
             return False
 

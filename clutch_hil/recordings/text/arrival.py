@@ -6,7 +6,9 @@ They become a column of their own, parted as the others are. Its name is put bef
 import re
 
 ARRIVAL = "arrival_time"  # name of the column
-_STAMPED = re.compile(rb"(?m)^([0-9]{2}:[0-9]{2}:[0-9]{2}\.[0-9]{3}) -> (?=([^\n]?))")
+_TIME, _ARROW = rb"[0-9]{2}:[0-9]{2}:[0-9]{2}\.[0-9]{3}", rb" -> "
+STAMP = _TIME + _ARROW  # pattern of what stands before a line
+_STAMPED = re.compile(rb"(?m)^(" + _TIME + rb")" + _ARROW + rb"(?=([^\n]?))")
 _JUDGED_LINES = 100  # that tell whether lines have such times
 _DELIMITERS = (b"\t", b";", b",")
 

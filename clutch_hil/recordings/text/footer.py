@@ -29,11 +29,13 @@ def find_end(
 ) -> tuple[int, list[str]]:
     """Line of the last row, and what follows it, in a sentence."""
     left: list[Line] = []
+    apart = _find_apart(tail, columns, delimiter, cells)
     for line in reversed(tail):
         if len(left) > _FOOTER_LINES:
             break
         row = split(line.text, delimiter)
-        if is_row(row, len(columns), columns, cells) and not _is_cut(file, line, tail, delimiter, cells):
+        below = apart and line.number >= apart
+        if not below and is_row(row, len(columns), columns, cells) and not _is_cut(file, line, tail, delimiter, cells):
             while left and (file.ended or left[-1].number < file.lines):
                 after = split(left[-1].text, delimiter)
                 if not (has_words(after, len(columns), columns, cells) and follows(after, row, columns, cells)):
@@ -53,9 +55,23 @@ def find_end(
     return file.lines, []
 
 
+def _find_apart(tail: Sequence[Line], columns: Sequence[Column], delimiter: str, cells: Cells) -> int:
+    """Line from which on numbers stand below the rows, as means in a spreadsheet; 0 if there are none.
+
+    Empty lines are between them and the rows, and their first cell is empty or a word, where each row has a number or a time.
+    """
+    firsts = [not is_row(split(line.text, delimiter)[:1], 1, columns[:1], cells) for line in tail]
+    start = next((n + 1 for n in range(len(firsts) - 1, -1, -1) if not firsts[n]), 0)
+    if not 0 < start < len(tail) or any(firsts[:start]) or len(tail) - start > _FOOTER_LINES:
+        return 0
+    return tail[start].number if tail[start].number - tail[start - 1].number > 1 else 0
+
+
 def _describe(file: TextFile, lines: Sequence[Line], width: int, delimiter: str, cells: Cells) -> str:
     """What the lines below the rows are."""
     rows = [split(line.text, delimiter) for line in lines]
+    if all(len(row) == width and not row[0] for row in rows):
+        return "cells below an empty line, such as means"
     if any(STATISTIC.fullmatch(cell.rstrip(":=")) for row in rows for cell in row[:1]):
         return "statistics"
     if not file.ended and len(lines) == 1 and len(rows[0]) <= width:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ _ENTRY = re.compile(r"[,;\s]*#?\w+\s*=\s*\S")
 _LABEL = re.compile(r"(.*[\W_]|[vy])?(units?|einheit(en)?|unités?)([\W_]+label)?\W*", re.IGNORECASE)
 _AXIS_LABEL = re.compile(r"(h|x|horizontal)[\W_]*units?([\W_]+label)?\W*", re.IGNORECASE)  # before the unit of time
 LABELLED = re.compile(r"(units?|einheit(en)?|unités?)\s*[:=]\s*(?P<unit>\S.*)", re.IGNORECASE)  # `units: s, Nm, rpm`
+_SECTION = re.compile(r"\[[^\[\]]*(head|name|channel|column)[^\[\]]*\]", re.IGNORECASE)  # above a list of names
 _NAME_LABEL = re.compile(r"((trace|signal|channel|kanal)[ _]?)?names?:?", re.IGNORECASE)  # before the names of a line
 
 
@@ -88,6 +90,9 @@ def find_heading_lines(
             names = top - 1  # names that look like values
         if names is None and units is None:
             _check_widths(path, above, width, delimiter)
+    if names is None and options.get("header", True) and (listed := _find_listed_names(above, widths[0], cells)):
+        first, row = listed
+        return HeadingLines(first, units, None, [*row, *[""] * (width - len(row))], False)
     if names is None:
         return HeadingLines(None, units, None, [""] * width, False)
     if not paired and (grouped := _find_groups(above, rows, names, units, cells)):
@@ -203,6 +208,16 @@ def _find_labelled_names(rows: Mapping[int, Sequence[str]], width: int, cells: C
     return None
 
 
+def _find_listed_names(above: Sequence[Line], width: int, cells: Cells) -> tuple[int, list[str]] | None:
+    """The first line of a list of names, one a line below a section such as `[header]` of VBOX, and the names; one a column."""
+    sections = [n for n, line in enumerate(above) if line.text.lstrip().startswith("[")] + [len(above)]
+    for start, end in pairwise(sections):
+        names = [" ".join(line.text.split()) for line in above[start + 1 : end]]
+        if _SECTION.fullmatch(above[start].text.strip()) and len(names) == width > 1 and len(set(names)) == width:
+            return None if any(map(cells.is_number, names)) else (start + 1, names)
+    return None
+
+
 def _part_pairs(rows: dict[int, list[str]]) -> tuple[int, int | None] | None:
     """The lines of names and units, where each cell has a label before it: `Name,torque,Name,speed` of TwinCAT. None elsewhere.
 
@@ -220,7 +235,8 @@ def _part_pairs(rows: dict[int, list[str]]) -> tuple[int, int | None] | None:
 
 
 def are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
-    """Whether the cells of a line can be names of columns."""
+    """Whether the first `width` cells of a line can be names of columns."""
+    row = row[:width]
     return (
         2 * sum(map(bool, row)) > width
         and not _AXIS_LABEL.fullmatch(row[0])

@@ -47,6 +47,8 @@ def split_rows(
     width, top = widths[1], len(above)
     _check_no_rows(path, above, widths[0], delimiter, cells)
     rows = {number: _split_cells(line, widths, delimiter) for number, line in enumerate(above)}
+    for row in rows.values():  # numbers to the right of all rows, as a result in a spreadsheet, are no names
+        row[widths[0] :] = ["" if cells.is_number(cell) else cell for cell in row[widths[0] :]]
     if date >= 0:
         rows = {n: name_date_and_time(row, above[n], delimiter, widths, date) for n, row in rows.items()}
     rows = name_index(rows, above)

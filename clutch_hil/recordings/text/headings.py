@@ -156,6 +156,7 @@ def _split_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str],
         twice = counts[text] > 1
         plain.append(text if twice else name)
         texts.append(f"{text} (column {number})" if twice else text)
+        unit = unit.strip("\0 ")
         if labelled := LABELLED.fullmatch(unit):  # `units: s, Nm`, and `Units: Nm` in each cell of Simulink
             unit = labelled["unit"]
         elif number == 1 and is_label([unit]):

@@ -93,6 +93,8 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
         )
     samples = _strip_units(samples, columns, cells)
     above = [line for line in lines if line.number < rows.first]
+    if names := file.form.names:
+        above.append(Line(rows.first, delimiter.join(names)))
     spare = _count_empty(samples, rows.width)
     counted = _counts_rows(rows.samples, cells)
     date = find_date_before_time(columns, samples)
@@ -388,4 +390,5 @@ def _describe(file: TextFile, delimiter: str, cells: Cells, headings: Headings) 
     text = f"text in {file.encoding}, {_name(delimiter)} between cells, {cells.decimal!r} as decimal mark"
     if cells.thousands:
         text += f", {cells.thousands!r} between thousands"
-    return [text, *([file.decision] if file.decision else []), *headings.notes]
+    labels = ["names before each number are those of the columns"] if file.form.labels else []
+    return [text, *([file.decision] if file.decision else []), *labels, *headings.notes]

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from clutch_hil.recordings.text.arrival import find_delimiter_of_stamps, part_stamps
-from clutch_hil.recordings.text.characters import are_quoted, simplify_characters, strip_marks_of_text, strip_quotes
+from clutch_hil.recordings.text.characters import simplify_characters
+from clutch_hil.recordings.text.line_form import LineForm, find_line_form
 from protocols.errors import InputError
 
 _BLOCK = 1 << 22  # bytes that are read at once: large against a call, small against the memory allowed
@@ -76,11 +76,12 @@ class TextFile:
     """A text file. encoding: "" where it is to be found.
 
     lines: how many there are. head, tail: the first and last ones. ended: whether the last line has a line end.
-    decision: a sentence where the encoding was guessed, "" otherwise. Raises InputError for a file that cannot be read.
+    decision: a sentence where the encoding was guessed, "" otherwise. form: what is taken away around the cells of its lines.
+    Raises InputError for a file that cannot be read.
     """
 
     def __init__(self, path: Path, encoding: str = "") -> None:
-        self.path, self.decision = path, ""
+        self.path, self.decision, self.form = path, "", LineForm()
         try:
             with path.open("rb") as file:
                 begin = file.read(_JUDGED)
@@ -107,7 +108,7 @@ class TextFile:
 
     def read_blocks(self) -> Iterator[Block]:
         """All lines, in blocks. Raises InputError for a line without end."""
-        first, rest, quoted, stamps = 1, b"", None, b""
+        first, rest, known = 1, b"", False
         for text in self._read_texts():
             text = rest + text
             end = text.rfind(b"\n") + 1
@@ -115,17 +116,13 @@ class TextFile:
                 number = first + text.count(b"\n")
                 raise InputError(f"recording {self.path}: line {number} has more than {_MOST_LINE} bytes")
             if end:
-                if quoted is None:
-                    head = text[: text.rfind(b"\n", 0, _HEAD) + 1]
-                    quoted, stamps = are_quoted(head), find_delimiter_of_stamps(head)
-                lines = strip_quotes(text[:end]) if quoted else text[:end]
-                lines = part_stamps(lines, stamps) if stamps else lines
-                yield Block(first, strip_marks_of_text(lines))
+                if not known:
+                    known, self.form = True, find_line_form(text[: text.rfind(b"\n", 0, _HEAD) + 1])
+                yield Block(first, self.form.simplify(text[:end]))
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
         if rest.strip(b"\x1a"):  # the mark with which DOS ends a file
-            lines = strip_quotes(rest + b"\n") if quoted else rest + b"\n"
-            yield Block(first, strip_marks_of_text(part_stamps(lines, stamps) if stamps else lines))
+            yield Block(first, self.form.simplify(rest + b"\n"))
 
     def _scan(self) -> None:
         """Count lines, keep the first and last ones, and try the encoding."""

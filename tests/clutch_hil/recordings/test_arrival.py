@@ -9,12 +9,10 @@ from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from tests.clutch_hil.recordings.text_files import (
     MAP,
-    ROWS,
     SPEED,
     TIME,
     TORQUE,
     assert_right,
-    find_refusal,
     make_table,
     read,
 )
@@ -46,8 +44,3 @@ def test_a_draft_takes_the_time_of_the_sender_if_there_is_one(tmp_path: Path) ->
     assert 'time_s = { from = "millis", unit = "ms" }' in draft_map(path, open_recording(path))
     path.write_text(stamp(make_table(header="force,torque,speed")))
     assert 'time_s = { from = "arrival_time" }' in draft_map(path, open_recording(path))
-
-
-def test_lines_of_words_are_left_as_they_are(tmp_path: Path) -> None:
-    lines = [f"{write_arrival(10 * n)} -> torque:{TORQUE[n]} speed:{SPEED[n]}" for n in range(ROWS)]
-    assert "known are column 1, column 2, column 3, column 4" in find_refusal(tmp_path, "\n".join([*lines, ""]))

@@ -81,7 +81,9 @@ FORMS: dict[str, list[list[Any]]] = {
     "empty column within": [[row[0], None, *row[1:]] for row in make_rows()],
     "texts with decimal commas": write_with_comma(make_rows()),
     "one column of texts with commas": [[r[0], *write_with_comma([r])[0][1:2], r[2]] for r in make_rows()],
+    "result to the right of the names": make_rows(["time", "torque", "speed", None, 12.5]),
     "remark beside": [[*row, *(["started late"] if n == 9 else [])] for n, row in enumerate(make_rows())],
+    "escaped line ends": make_rows(["time", "torque_x000D_", "_x000D_speed"]),
     "quotes": make_rows(["time", "torque", "speed", 'pipe 1/2"']),
     "whole lines of CSV in column A": [[f"{a};{b};{c}"] for a, b, c in make_rows()],
     "whole lines with commas": [[";".join(map(str, row))] for row in write_with_comma(make_rows())],
@@ -195,6 +197,28 @@ def test_what_a_format_shows_behind_a_number_counts(tmp_path: Path) -> None:
     run = import_by(tmp_path, path, text.replace('"torque", unit = "Nm"', '"torque"'))
     np.testing.assert_allclose(run["torque_nm"], 1000.0 * TORQUE, atol=1e-9)
     np.testing.assert_allclose(run["duty_1"], 0.01 * np.arange(ROWS), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shown", "unit", "factor"),
+    [
+        ('0.00\\ "kNm"', "kNm", 1.0), ('General" kNm"', "kNm", 1.0), ('#,##0.00" kNm"', "kNm", 1.0),
+        (r"0.0\ \k\N\m", "kNm", 1.0), ('[Red]0.0" kNm";-0.0" kNm"', "kNm", 1.0), ('0.0" kNm"_)', "kNm", 1.0),
+        ('0.00," kNm"', "kNm", 1e-3), ('#,##0,,.0\\ "kNm"', "kNm", 1e-6), (r"0.0\%", "%", 1.0), ('0.0" %"', "%", 1.0),
+        (r"0.0\ %", "%", 100.0), ("0.00,", "", 1.0), ('0.0" pieces"', "", 1.0), ('0.0" h"', "", 1.0), ("0.00E+00", "", 1.0),
+    ],
+)  # fmt: skip
+def test_number_formats_as_excel_writes_them(tmp_path: Path, shown: str, unit: str, factor: float) -> None:
+    """Two commas show millionths. What is no unit changes nothing; `h` behind a number would be hexadecimal."""
+
+    def format_cells(book: Any, sheet: Any) -> None:
+        for n in range(ROWS):
+            sheet.cell(n + 2, 3).number_format = shown
+
+    recording = open_recording(save(tmp_path, make_rows(), format_cells))
+    channel = recording.channels[2]
+    assert (channel.unit, channel.kind) == (unit, "number")
+    np.testing.assert_allclose(recording.read([channel])[0].values, factor * SPEED, rtol=1e-15)
 
 
 def test_a_format_that_contradicts_the_unit_above_is_told(tmp_path: Path) -> None:

@@ -36,15 +36,6 @@ FOREIGN = {
         b"\x93NUMPY\x01\x00v\x00{'descr': '<f8'}",
         "an array of NumPy: write it into a CSV, Parquet or .mat file",
     ),
-    "rows.json": (b'[\n  {"time": 0.0, "torque": 1.0}\n]\n', "JSON: write its numbers into CSV, one row a sample"),
-    "columns.json": (
-        b'{"time": [0.0, 0.01], "torque": [1.0, 2.0]}',
-        "JSON: write its numbers into CSV, one row a sample",
-    ),
-    "lines.json": (
-        b'{"time": 0.0, "torque": 1.0}\n{"time": 0.1, "torque": 1.1}\n',
-        "JSON: write its numbers into CSV, one row a sample",
-    ),
     "log.tdm": (
         b'<?xml version="1.0"?>\n<usi:tdm version="1.0">',
         "the header of a TDM file: save its channels as TDMS",

@@ -122,12 +122,35 @@ def test_a_cut_last_line_is_left_out_and_told(tmp_path: Path, cut: int) -> None:
             "lines 63 to 65 at the end, a second table, of 2 columns; split the file to read it",
         ),
         ("*** END ***\n", "line 62 at the end, no whole rows"),
+        ("\n,0.01,88.75\n", "line 63 at the end, cells below an empty line, such as means"),
+        ("\n\n,-1,0.25\n,1,177.25\n", "lines 64 to 65 at the end, cells below an empty line, such as means"),
+        ("\n,0.01,88.75\n\nMax,1,177.25\n", "lines 63 to 65 at the end, statistics"),
     ],
 )
 def test_what_stands_below_the_rows_is_told_as_what_it_is(tmp_path: Path, footer: str, what: str) -> None:
     run = read(tmp_path, make_table() + footer)
     assert_right(run)
     assert f"left out {what}: " in convert_run(run)
+
+
+def test_means_below_the_rows_are_no_row_where_rows_are_counted(tmp_path: Path) -> None:
+    """A row without a time would else be one more sample."""
+    by_row = MAP.replace('from = "time", unit = "s"', "rate_hz = 100.0")
+    assert_right(read(tmp_path, make_table() + "\n,0.01,88.75\n", columns=by_row))
+    last_without_time = make_table() + ",0.01,88.75\n"  # a row, as no empty line is between it and the others
+    assert len(read(tmp_path, last_without_time, columns=by_row)["time_s"]) == ROWS + 1
+
+
+def test_of_two_rows_at_one_time_the_last_one_counts(tmp_path: Path) -> None:
+    """As OpenModelica writes them, before and after an event."""
+    lines = make_table().splitlines()
+    before = lines[31].replace(f"{TORQUE[30]:.4f}", "9.0000")
+    run = read(tmp_path, "\n".join([*lines[:31], before, *lines[31:], ""]))
+    assert_right(run)
+    told = "left out 1 row at the time of the row after it, as at an event of a simulation, the first at 0.3 s"
+    assert told in convert_run(run)
+    coarse = [*lines[:31], *([before] * 4), *lines[31:], ""]
+    assert "where a row is there twice, remove one of them" in find_refusal(tmp_path, "\n".join(coarse))
 
 
 def test_a_last_line_without_end_is_told(tmp_path: Path) -> None:

@@ -246,7 +246,7 @@ def test_days_by_dates_with_a_short_year_do_not_pass_in_silence(tmp_path: Path) 
     np.testing.assert_allclose(read(tmp_path, same, columns=columns)["time_s"], TIME, atol=1e-9)
 
 
-@pytest.mark.parametrize("line", ["t={0:.2f} torque={1}", "t:{0:.2f},torque:{1}"])
-def test_names_before_each_number_are_told(tmp_path: Path, line: str) -> None:
-    rows = [line.format(t, 1.5) for t in TIME]
+@pytest.mark.parametrize("line", ["t={0:.2f} {2}={1}", "t:{0:.2f},{2}:{1}"])
+def test_names_before_each_number_that_change_are_told(tmp_path: Path, line: str) -> None:
+    rows = [line.format(t, 1.5, "torque" if n % 2 else "speed") for n, t in enumerate(TIME)]
     assert "has a name before each number, as in line 60, " in find_refusal(tmp_path, make_rows(*rows))

@@ -11,7 +11,7 @@ from clutch_hil.recordings.contents import draft_map
 from clutch_hil.recordings.format import open_recording
 from protocols.errors import InputError
 from tests.clutch_hil.recordings.maps import find_refusal, import_by
-from tests.clutch_hil.recordings.text_files import NAMES, ROWS, SPEED, TIME, TORQUE, read
+from tests.clutch_hil.recordings.text_files import NAMES, ROWS, SPEED, TIME, TORQUE, assert_right, make_table, read
 
 RPM = np.pi / 30.0  # rad/s
 
@@ -453,3 +453,45 @@ def test_a_remark_of_as_many_cells_right_above_the_names_has_no_names(tmp_path: 
     )
     run = read(tmp_path, "\n".join(["Operator;Smith;x", "time;torque;speed", *rows, ""]))
     np.testing.assert_allclose(run["torque_nm"], TORQUE)
+
+
+VBOX = """File created on 23/04/2018 at 09:20:26
+
+[header]
+satellites
+time
+velocity kmh
+battery vo
+
+[channel units]
+v
+
+[comments]
+VBSp V01.01
+
+[column names]
+sats time velocity battery vo
+[data]
+"""
+
+
+def test_names_are_those_of_a_list_where_one_of_them_has_a_blank(tmp_path: Path) -> None:
+    """As VBOX writes them: below `[column names]` are five words for four columns."""
+    path = tmp_path / "drive.vbo"
+    rows = [f"010 0751{41.65 + t:05.2f} {3.58 + n:07.3f} +3.90400E+00" for n, t in enumerate(TIME)]
+    path.write_text(VBOX + "\n".join([*rows, ""]))
+    recording = open_recording(path)
+    assert [channel.name for channel in recording.channels] == ["satellites", "time", "velocity kmh", "battery vo"]
+    assert "names in line 4" in recording.notes
+    (speed,) = recording.read([recording.channels[2]])
+    np.testing.assert_allclose(speed.values, 3.58 + np.arange(ROWS))
+    drafted = draft_map(path, recording)
+    assert 'from = "velocity kmh", unit = "km/h"' in drafted
+    path.write_text(VBOX.replace("battery vo", "battery") + "\n".join([*rows, ""]))
+    assert [channel.name for channel in open_recording(path).channels] == ["sats", "time", "velocity", "battery"]
+
+
+def test_a_zero_byte_before_a_unit_does_not_lose_it(tmp_path: Path) -> None:
+    assert_right(read(tmp_path, make_table(header="time,torque,speed\n\0Sekunden,( Nm ),rad/s")))
+    path = tmp_path / "a recording.csv"
+    assert [channel.unit for channel in open_recording(path).channels] == ["Sekunden", "Nm", "rad/s"]

@@ -74,7 +74,9 @@ def test_a_draft_takes_the_unit_of_the_name(tmp_path: Path, time: str, speed: st
     [
         ("p_kPa", "kPa"), ("speed_rad_s", "rad/s"), ("oil °C", "°C"), ("v_km/h", "km/h"), ("t_µs", "µs"),
         ("angle_deg", "deg"), ("M/kNm", "kNm"), ("p:kPa", "kPa"), ("p-mbar", "mbar"), ("torque [kNm] filtered", "kNm"),
-        ("p (kPa) 1", "kPa"), ("p_kPa_mean", "kPa"), ("v_km_h_raw", "km/h"), ("torque_ft_lb", "ft_lb"),
+        ("p (kPa) 1", "kPa"), ("Time (s) - Plot 0", "s"), ("Amplitude (V) - Plot 0", "V"), ("Time [ms] 2", "ms"),
+        ("wheel (L) speed", ""), ("M (Nm)-(raw)", "Nm"), ("signal (raw) 2", ""),
+        ("p_kPa_mean", "kPa"), ("v_km_h_raw", "km/h"), ("torque_ft_lb", "ft_lb"),
         ("M_inlb", "in*lbf"), ("Engine RPM", "rpm"),
         ("RPM", "rpm"), ("n_RPM_raw", "rpm"), ("speedRpm", "rpm"), ("torqueNm", "Nm"), ("pressKpa", "kPa"),
         ("TIME_MS", "ms"), ("timeMs", "ms"), ("time_sec", "sec"), ("millis", "ms"), ("kNm", "kNm"),
