@@ -6,6 +6,7 @@ units.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ def _find_table(path: Path, text: str) -> tuple[pa.Table, list[str]]:
         columns = {name: None for row in document for name in row}
         notes.append(f"{format_count(len(document), 'object')} of JSON, each a row")
     elif all(isinstance(row, list) for row in document) and len({len(row) for row in document}) == 1:
-        columns = _turn(document)
+        columns = _turn(path, document)
     else:
         raise _refuse(path)
     if len(document) < _FEWEST and not isinstance(document, dict):
@@ -91,6 +92,7 @@ def _take_table(path: Path, document: dict[str, Any]) -> tuple[Any, dict[str, An
         if not all(isinstance(row, list) and len(row) == len(document["columns"]) for row in rows):
             raise _refuse(path)
         names = [" ".join(map(str, name)) if isinstance(name, list) else str(name) for name in document["columns"]]
+        _check_names(path, names)
         return [dict(zip(names, row, strict=True)) for row in rows], {}
     inner = list(document.values())
     if len(inner) > 1 and all(isinstance(one, dict) and one.keys() == inner[0].keys() for one in inner):
@@ -148,12 +150,19 @@ def _collect(
     return rows
 
 
-def _turn(rows: Sequence[Sequence[Any]]) -> dict[str, list[Any]]:
+def _turn(path: Path, rows: Sequence[Sequence[Any]]) -> dict[str, list[Any]]:
     """Return lists of rows as columns, whose names are the first row if it is of texts only."""
     names = [f"column {number}" for number in range(1, len(rows[0]) + 1)]
-    if all(isinstance(name, str) for name in rows[0]) and len(set(rows[0])) == len(rows[0]):
+    if all(isinstance(name, str) for name in rows[0]):
+        _check_names(path, rows[0])
         names, rows = [str(name) for name in rows[0]], rows[1:]
     return {name: [row[number] for row in rows] for number, name in enumerate(names)}
+
+
+def _check_names(path: Path, names: Sequence[str]) -> None:
+    """Raise InputError for a name of two columns: the table would lose one of them."""
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise InputError(f"recording {path} cannot be read: its column {twice[0]!r} is there twice; rename one of them")
 
 
 def _make_array(values: Sequence[Any]) -> pa.ChunkedArray:

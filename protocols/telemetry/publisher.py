@@ -257,9 +257,7 @@ class Publisher:
         request |= {"until": time.monotonic() + patience}
         try:
             if patience <= 0.0:
-                raise InputError(
-                    f"earlier changes waited for the service for {_MOST_DELAY:g} s; it is busy or stopped"
-                )
+                raise InputError(f"earlier changes waited for the service for {_MOST_DELAY:g} s; it is busy or stopped")
             answer = json.loads(self._mailbox.ask(json.dumps(request), patience + _ANSWER_MARGIN))
         except InputError as error:
             raise InputError(f"{self._node}: {error}; nothing was changed") from None

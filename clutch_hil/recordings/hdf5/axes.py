@@ -10,7 +10,7 @@ from clutch_hil.recordings.hdf5.file import Hdf5File
 from clutch_hil.recordings.hdf5.labels import Labels
 from clutch_hil.recordings.hdf5.packing import Packing, read_packing
 from clutch_hil.recordings.hdf5.place import Place, read_place
-from clutch_hil.recordings.matlab.texts import read_date
+from clutch_hil.recordings.stated_date import read_date
 from protocols.errors import InputError
 from protocols.files.units import have_same_quantity, to_si
 

@@ -13,7 +13,7 @@ from clutch_hil.recordings.hdf5.file import Hdf5File
 from clutch_hil.recordings.hdf5.labels import Labels
 from clutch_hil.recordings.hdf5.packing import read_packing
 from clutch_hil.recordings.hdf5.place import Place
-from clutch_hil.recordings.matlab.texts import read_date
+from clutch_hil.recordings.stated_date import read_date
 from clutch_hil.recordings.stated_rate import is_rate_name, split_value
 from clutch_hil.recordings.stated_scaling import describe_scaling, is_scaling, is_scaling_beside
 from clutch_hil.recordings.unit_in_name import take_unit

@@ -5,8 +5,9 @@ Source: dSPACE ControlDesk Measurement and Recording, "Structure of MAT files"; 
 """
 
 from clutch_hil.recordings.matlab.layouts import About, Layout, TimeAxis, Walk
-from clutch_hil.recordings.matlab.texts import list_remarks, read_date, to_text
+from clutch_hil.recordings.matlab.texts import list_remarks, to_text
 from clutch_hil.recordings.matlab.value import Numbers, Struct, Value
+from clutch_hil.recordings.stated_date import read_date
 from protocols.errors import InputError
 from protocols.files.units import have_same_quantity, to_si
 

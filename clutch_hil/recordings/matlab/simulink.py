@@ -9,8 +9,9 @@ import numpy as np
 
 from clutch_hil.recordings.matlab.layouts import About, Layout, Walk
 from clutch_hil.recordings.matlab.objects import Object
-from clutch_hil.recordings.matlab.texts import read_date, read_texts, to_text
+from clutch_hil.recordings.matlab.texts import read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, Numbers, Struct, Value
+from clutch_hil.recordings.stated_date import read_date
 from clutch_hil.recordings.stated_unit import list_unit_keys
 from protocols.files.bounds import check_rows
 

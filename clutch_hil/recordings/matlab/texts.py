@@ -1,8 +1,6 @@
-"""Texts in MATLAB values: char arrays, cells of them, objects of the class string; and dates."""
+"""Texts in MATLAB values: char arrays, cells of them, objects of the class string."""
 
 from collections.abc import Iterator
-from contextlib import suppress
-from datetime import datetime
 from itertools import pairwise
 from math import prod
 
@@ -13,7 +11,6 @@ from clutch_hil.recordings.matlab.value import Cell, Numbers, Struct, Text, Valu
 
 _MOST_NUMBERS = 1 << 18  # of the array in which a string array is stored
 _MOST_AXES = 16
-_DATES = ("%d-%b-%Y %H:%M:%S", "%d-%b-%Y %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S")  # beside ISO 8601; others are ambiguous
 
 
 def read_texts(value: Value) -> list[str]:
@@ -63,13 +60,3 @@ def list_remarks(value: Value, label: str, depth: int = 0) -> Iterator[tuple[str
     elif isinstance(value, Struct) and value.size == 1:
         for name, inside in value.read_element(0).items():
             yield from list_remarks(inside, f"{label}.{name}", depth + 1)
-
-
-def read_date(text: str) -> str:
-    """A date and time of day as ISO 8601; "" for what is none, or could be read in two ways."""
-    with suppress(ValueError):
-        return datetime.fromisoformat(text.strip()).isoformat() if len(text.strip()) > 10 else ""
-    for pattern in _DATES:
-        with suppress(ValueError):
-            return datetime.strptime(text.strip(), pattern).isoformat()
-    return ""

@@ -122,7 +122,9 @@ def test_an_object_that_was_cut_is_left_out_and_told(tmp_path: Path) -> None:
         ('[[1, 2], [3]]', "it is JSON without a table"),
         (json.dumps({"t": [0.0, 0.1], "m": [1.0, 2.0, 3.0]}), "its lists have different lengths (t has 2, m has 3)"),
         (json.dumps({"a": OBJECTS, "b": OBJECTS}), "it is JSON without a table"),
-        ('{"a": ' * 100_000, "nested too deep"),
+        ('{"columns": ["t", "m", "m"], "data": [[0, 1, 2], [1, 2, 3]]}', "its column 'm' is there twice"),
+        ('[["t", "m", "m"], [0, 1, 2], [1, 2, 3]]', "its column 'm' is there twice"),
+        pytest.param('{"a": ' * 100_000, "nested too deep", id="deep"),
     ],
 )  # fmt: skip
 def test_what_is_no_table_is_refused(tmp_path: Path, content: str, why: str) -> None:
