@@ -37,14 +37,35 @@ def test_a_slope_that_is_given_begins_at_the_contact_pressure_too() -> None:
     assert -intercept / 110.0 == pytest.approx(3.0 - 2.35 + 25.1 / 10.8, rel=1e-12)
 
 
-def test_maps_that_are_given_and_those_of_the_shipped_contact_stay() -> None:
+def test_a_slope_alone_turns_its_line_about_its_zero() -> None:
+    """Else ten times the slope gives 229 Nm at the first touch."""
+    steeper = SHIPPED.with_values({"model.coulomb_slope": 108.0})
+    kept = {"model.viscous_slope", "model.viscous_intercept"}
+    assert shift_maps(steeper, SHIPPED, kept) == pytest.approx({"model.coulomb_intercept": -251.0}, rel=1e-12)
+    assert shift_maps(steeper, SHIPPED, {"model.coulomb_intercept", *kept}) == {}
+
+
+def test_viscous_torque_keeps_its_share_with_a_slope() -> None:
+    """Else the torque of a robot's clutch, a hundredth as steep, would be nearly all viscous."""
+    own = SHIPPED.with_values({"model.coulomb_slope": 0.108})
+    followed = own.with_values(shift_maps(own, SHIPPED, {"model.coulomb_slope"}))
+    for part in ("slope", "intercept"):
+        shares = [p[f"model.viscous_{part}"].value / p[f"model.coulomb_{part}"].value for p in (followed, SHIPPED)]
+        assert shares[0] == pytest.approx(shares[1], rel=1e-12)
+    assert shift_maps(followed, SHIPPED, {"model.coulomb_slope"}).keys() == {
+        "model.coulomb_intercept",
+        "model.viscous_intercept",
+    }
+    assert "model.viscous_slope" not in shift_maps(own, SHIPPED, {"model.viscous_slope"})
+
+
+def test_maps_that_are_given_and_those_of_the_shipped_parameters_stay() -> None:
     own = SHIPPED.with_values({"model.contact_pressure": 3.0})
     assert shift_maps(own, SHIPPED, {"model.coulomb_intercept"}).keys() == {
         "model.viscous_intercept",
         "model.beta_onset",
     }
-    steeper = SHIPPED.with_values({"model.coulomb_slope": 20.0})
-    assert shift_maps(steeper, SHIPPED, ()) == {}
+    assert shift_maps(SHIPPED, SHIPPED, ()) == {}
 
 
 def test_a_clutch_of_which_the_contact_pressure_is_guessed_ends_in_no_fault(tmp_path: Path) -> None:
