@@ -26,9 +26,9 @@ from clutch_hil.identify.clutch_parameters import (
 )
 from clutch_hil.identify.fit_plan import FitPlan, Subject
 from clutch_hil.identify.free_parameters import (
-    AS_DECLARED,
     TIMING,
     as_fitted,
+    choose_hardly_excited,
     is_viscous,
     know_roughly,
 )
@@ -104,7 +104,7 @@ def fit_clutch(
     excited = [f for f in plan.free if f.name not in unmet]
     if not excited:
         raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
-    start |= {f.name: float(np.clip(plan.declared[f.name], f.low, f.high)) for f in hardly if f.name in AS_DECLARED}
+    start |= choose_hardly_excited(hardly, start, plan.declared)
     begun = to_fit(tie(start, plan.ratios))
     known_roughly = {**begun, **begin[1]}
     fitted = [as_fitted(f, start, plan.declared) for f in excited]

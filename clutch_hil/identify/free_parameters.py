@@ -1,5 +1,6 @@
 """Free parameters: scales and bounds with which the parameters of a clutch are fitted."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,9 +21,18 @@ _EXPONENT_UNIT = 0.02  # unit of moves of gamma: 6 % of 1/3
 # of the declared value. Of an effect, in units of moves: each is about a tenth of a usual strength
 UNKNOWN, _UNKNOWN_EFFECT = 0.15, 10.0
 
+# Of these the parameters of a motor and of oil, whose size is that of the clutch
+_SLOPE, _SUMP = "clutch.coulomb_slope", "oil.sump_temperature"
+_WITH_SIZE = (
+    "oil.heat_capacity", "oil.heat_transfer", _SUMP, "motor.inertia", "motor.proportional_gain", "motor.integral_gain",
+)  # fmt: skip
+
 # Parameters of the lines M_C(p) and C_v(p); their smallest size compared with the declared one: steps must not become 0
 _LINES = ("clutch.coulomb_slope", "clutch.coulomb_intercept", "clutch.viscous_slope", "clutch.viscous_intercept")
 _LEAST_SIZE = 0.01
+# Ratio to the declared slope of the torque, or its inverse, from which a clutch is of another size; as in
+# rt_controller/law/clutch_size.py
+_OTHER_SIZE = 2.0
 
 # start values of these are the declared ones if the runs do not excite them; those of the others are the estimated ones, which
 # are consistent with the contact pressure
@@ -74,6 +84,26 @@ def _compare_size(name: str, values: Values, declared: Values) -> float:
     if name not in _LINES or declared[name] == 0.0:
         return 1.0
     return float(np.clip(abs(values[name] / declared[name]), _LEAST_SIZE, 1.0))
+
+
+def choose_hardly_excited(hardly: Sequence[FreeParameter], start: Values, declared: Values) -> dict[str, float]:
+    """Return start values of the parameters that the runs `hardly` excite: the declared ones where the estimated ones of
+    `start` are worth less.
+
+    A clutch whose torque is more than twice the declared one, or less than half, has another motor and other oil, too: they
+    keep the estimate, or have the declared value times the ratio of the torques. With the declared 600 J/K the oil of a clutch
+    of 900 Nm became hot, and that spoiled the fit of all other parameters.
+    """
+    size = start[_SLOPE] / declared[_SLOPE]
+    chosen = {f.name: float(np.clip(declared[f.name], f.low, f.high)) for f in hardly if f.name in AS_DECLARED}
+    if 1.0 / _OTHER_SIZE < size < _OTHER_SIZE:
+        return chosen
+    for f in hardly:
+        if f.name in _WITH_SIZE:
+            estimated = start[f.name] != declared[f.name]
+            value = start[f.name] if estimated or f.name == _SUMP else size * declared[f.name]
+            chosen[f.name] = float(np.clip(value, f.low, f.high))
+    return chosen
 
 
 def know_roughly(f: FreeParameter, value: float) -> FreeParameter:

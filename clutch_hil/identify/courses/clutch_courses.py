@@ -30,6 +30,7 @@ TORQUE_SHARE = 0.75
 _LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
 _SPEED = 200 * RPM  # of the experiments at constant speed (6.3)
 _SPEED_RATE = 100.0  # rad/s^2: 0.05 kg m^2 take 5 Nm
+_ROUNDED = 0.001  # s, resolution of the times in a profile file
 _FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
 
 
@@ -189,6 +190,9 @@ SCALE: tuple[Callable[[Span], Course], float] = (scale, 70.0)
 
 def write_course(course: Course, title: str) -> str:
     """Return the text of a course's profile file."""
-    rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in course.rows)
+    rows, before = [], -1.0
+    for time, torque, speed, pressure in course.rows:
+        before = max(round(time, 3), round(before + _ROUNDED, 3))  # two rows a sample apart may be rounded to one time
+        rows.append(f"{before:.3f},{torque:g},{speed:.4g},{pressure:.5g}")
     head = f"# {title}\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"
     return head + "\n".join(rows) + "\n"

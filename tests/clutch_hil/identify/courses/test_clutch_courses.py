@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.experiments import PRESSURE_RATE, RELEASE_TIME, STEP
-from clutch_hil.identify.courses.clutch_courses import COURSES, HIGHEST, MOST, ClutchCourse, Span
+from clutch_hil.identify.courses.clutch_courses import COURSES, HIGHEST, MOST, ClutchCourse, Span, write_course
 from clutch_hil.identify.frequency_response import _find_excited
 
 
@@ -34,6 +34,16 @@ def test_with_a_large_reach_no_course_opens_the_clutch_from_far_above_contact() 
         before = pressure[:-1][(pressure[1:] == 0.0) & (pressure[:-1] > 0.0)]
         assert len(before)
         assert before.max() <= 4.0 + MOST + 1e-9
+
+
+def test_the_times_of_every_course_increase_whatever_the_reach() -> None:
+    """Rows one sample apart were rounded to one time, and the profile was refused."""
+    for reach in np.linspace(0.5, 8.0, 76):
+        for make, _ in COURSES.values():
+            course = make(Span(3.5, float(reach)))
+            times = [float(line.partition(",")[0]) for line in write_course(course, "t").splitlines()[2:]]
+            assert np.all(np.diff(times) > 0.0), (make.__name__, reach)
+            assert times == pytest.approx([row[0] for row in course.rows], abs=0.00151)
 
 
 def test_a_demand_that_stands_still_excites_no_line() -> None:
