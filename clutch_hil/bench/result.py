@@ -14,8 +14,10 @@ from clutch_hil.bench.judgement.calibration_check import (
     describe_mismatch,
     describe_slow_valve,
 )
+from clutch_hil.bench.judgement.declared_clutch import list_contradictions
 from clutch_hil.bench.judgement.following import REACHED_SHARE, Following
 from clutch_hil.bench.judgement.measures import MEASURES, find_highest_demand, measure_following
+from clutch_hil.bench.judgement.other_rig import describe_hot_oil, describe_other_rig, describe_weak_motor
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
 from clutch_hil.bench.metadata import list_injection_times
 from clutch_hil.bench.pictures.picture import draw_run
@@ -100,11 +102,19 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     parameters = run.metadata.get("controller_parameters", {})
     faults = watch_run(columns, run.metadata["sample_rate_hz"], parameters)
+    good = fault == "none" and (reached or not demanded) and locked != 0.0
+    rig = run.metadata.get("plant_parameters", {})
     # a controller that was killed or stopped no longer estimates
     mismatch = None if had_process_fault(run.metadata) else describe_mismatch(columns, parameters)
-    mismatch = mismatch or describe_slow_valve(fault, parameters, run.metadata.get("plant_parameters", {}))
-    mismatch = mismatch or describe_failed_fill(fault, parameters)
-    good = fault == "none" and (reached or not demanded) and locked != 0.0
+    poor = reached and course.regime_error > _POOR_SHARE * find_highest_demand(columns)
+    if not good or poor:
+        known = describe_other_rig(parameters, rig) or describe_slow_valve(fault, parameters, rig, poor=poor)
+        mismatch = known or mismatch or describe_failed_fill(fault, parameters)
+    warnings = [
+        *filter(None, (mismatch, describe_weak_motor(columns, rig), describe_hot_oil(fault, columns, rig))),
+        *list_contradictions(parameters),
+        *list_contradictions(rig),
+    ]
     if fault != "none":
         verdict = faults.verdict or f"fault: {fault}"
     elif locked == 0.0:
@@ -136,6 +146,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "faults": faults.count,
         "first_fault": faults.first.line if faults.first else None,
         "calibration": mismatch,
+        "warnings": warnings,
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -152,7 +163,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         askers = ", ".join(sorted({request["by"] for request in requests}))
         lines.append(f"requests: {len(requests)} accepted from others while it ran, by {askers}")
     lines += format_faults([faults]) if limits else []  # without limits the verdict names the faults
-    lines += [f"warning: {mismatch}"] if mismatch else []
+    lines += [f"warning: {text}" for text in warnings]
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, make_title(path, verdict, result), injected)
     return result.mark_end(columns["time_s"][-1], run.metadata, timing)

@@ -11,6 +11,8 @@ from clutch_hil.bench.judgement.calibration_check import (
     describe_shift_mismatch,
     describe_slow_valve,
 )
+from clutch_hil.bench.judgement.declared_clutch import list_contradictions
+from clutch_hil.bench.judgement.other_rig import describe_other_rig
 from clutch_hil.bench.judgement.power_shift_measures import MEASURES, find_handover
 from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.pictures.shift_picture import draw_shift
@@ -64,11 +66,17 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     mismatch = None if had_process_fault(run.metadata) else describe_shift_mismatch(columns, parameters[0])
     plant = run.metadata.get("plant_parameters", {})
     failed = [
-        describe_slow_valve(fault, values, plant, f"{clutch}.") or describe_failed_fill(fault, values)
+        describe_other_rig(values, plant, f"{clutch}.")
+        or describe_slow_valve(fault, values, plant, f"{clutch}.")
+        or describe_failed_fill(fault, values)
         for clutch, watch, values in zip(CLUTCHES, faults, parameters, strict=True)
         if watch.count
     ]
-    mismatch = mismatch or next(filter(None, failed), None)
+    mismatch = next(filter(None, failed), None) or mismatch
+    warnings = [
+        *filter(None, [mismatch]),
+        *(text for clutch in CLUTCHES for text in list_contradictions(plant, f"{clutch}.")),
+    ]
     if fault != "none":
         verdict = "; ".join(watch.verdict for watch in faults if watch.count)
     elif shift is None:
@@ -85,6 +93,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         **measured,
         "effects": run.metadata.get("effects", []),
         "calibration": mismatch,
+        "warnings": warnings,
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -96,7 +105,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_describe_shift(measured))]
     lines += format_faults(faults) if limits else []
-    lines += [f"warning: {mismatch}"] if mismatch else []
+    lines += [f"warning: {text}" for text in warnings]
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_shift(picture, columns, make_title(path, verdict.partition(", heat")[0], result))
     return result.mark_end(columns["time_s"][-1], run.metadata, timing)

@@ -56,6 +56,7 @@ class _OwnBench:
 
     def __init__(self, plant: "Scenario", bus: str, lockstep: bool, blind: bool, rate: int | None, quiet: bool) -> None:
         from clutch_hil.bench.judgement.calibration_check import CONTACT
+        from clutch_hil.bench.judgement.other_rig import describe_other_rig
         from clutch_hil.discrepancy.experiments.identification_set import MISMATCH, UNCALIBRATED
         from clutch_hil.discrepancy.experiments.laboratory import OwnBench
 
@@ -65,6 +66,7 @@ class _OwnBench:
         self.rate = rate or 1000
         self.motor_torque = plant.plant["motor.torque_limit"].value
         self.contact = given[CONTACT].value
+        self.other_rig = describe_other_rig(given.as_values(), plant.plant.as_values()) or ""
         self.tell_controller({MISMATCH: UNCALIBRATED})
 
     def play(self, experiment: "Experiment", number: int) -> Path:
@@ -93,6 +95,7 @@ class _RunningBench:
     """The bench that runs on a bus, and its borrowed controller; see `CourseBench`."""
 
     rate = 1000
+    other_rig = ""  # the rig may be a real one
 
     def __init__(self, bus: str, blind: bool, out: Path, controller: "BorrowedController", quiet: bool) -> None:
         from clutch_hil.discrepancy.experiments.laboratory import RunningBench

@@ -15,11 +15,13 @@ Assumptions     the motor's torque is measured well; with two clutches, the cont
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 
 from clutch_hil.bench.judgement.measures import is_in_phase
 from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
+from protocols.errors import join_names
 from rt_controller.law.valve_gains import Valve, scale_gains
 from rt_controller.loop.parameter_sets import load_controller_parameters
 
@@ -34,7 +36,7 @@ _OR = "or the clutch has changed; see clutch-hil identify"
 CONTACT, _VALVE = "model.contact_pressure", "pressure.valve_gain"  # expected contact pressure [bar]; bar/V
 EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # parameters by which a controller finds the contact of the plates
 # With a valve slower than the controller's the pressure overshoots at the end of a fill, and the regulator winds up
-SLOW_VALVE = ("pressure.valve_frequency", "pressure.valve_delay")
+SLOW_VALVE = ("pressure.valve_frequency", "pressure.valve_damping", "pressure.valve_delay")
 _INTEGRAL, _PRESSURE_FAULTS = "pressure.integral_gain", ("overpressure", "pressure lost", "fill timeout")
 # Of the gain that suits the valve; chosen: below it the shipped gains suit a valve, too (valve_gains.py)
 _TOO_HIGH = 1.25
@@ -90,14 +92,19 @@ def describe_failed_fill(fault: float | str, parameters: Mapping[str, float]) ->
 
 
 def describe_slow_valve(
-    fault: float | str, parameters: Mapping[str, float], plant: Mapping[str, float], clutch: str = ""
+    fault: float | str,
+    parameters: Mapping[str, float],
+    plant: Mapping[str, float],
+    clutch: str = "",
+    poor: bool = False,
 ) -> str | None:
     """Return advice on a fault of the pressure on a simulated rig whose valve is slower than the gains allow; None otherwise.
 
-    parameters: of the controller; plant: of the rig, both in their units, `plant` with the prefix `clutch` of one of two.
+    poor: advise also without a fault, as the torque followed poorly. parameters: of the controller; plant: of the rig, both
+    in their units, `plant` with the prefix `clutch` of one of two.
     """
     frequency, damping = (plant.get(f"{clutch}valve.{name}") for name in ("frequency", "damping"))
-    if fault not in _PRESSURE_FAULTS or _INTEGRAL not in parameters or frequency is None or damping is None:
+    if not (fault in _PRESSURE_FAULTS or poor) or _INTEGRAL not in parameters or frequency is None or damping is None:
         return None
     shipped = load_controller_parameters()
     designed = Valve.of(shipped)
@@ -106,8 +113,9 @@ def describe_slow_valve(
     if parameters[_INTEGRAL] <= _TOO_HIGH * needed:
         return None
     return (
-        f"the gains of the pressure loop are those of a faster valve than the rig's, which has {frequency:.3g} rad/s; give"
-        f" {' and '.join(SLOW_VALVE)} by --controller-parameters, or a --calibration"
+        f"the gains of the pressure loop are those of another valve than the rig's, which has {frequency:.3g} rad/s"
+        f" ({frequency / (2.0 * pi):.3g} Hz) and a damping of {damping:g}; give {join_names(SLOW_VALVE)} by"
+        " --controller-parameters, or a --calibration"
     )
 
 

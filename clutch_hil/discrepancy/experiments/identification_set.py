@@ -22,7 +22,7 @@ from clutch_hil.identify.stepwise import estimate_valve_gain, take_samples
 from clutch_hil.live.tuning.tune import request_parameters, set_parameters
 from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import resolve
-from protocols.errors import InputError, InterruptionError
+from protocols.errors import InputError, InterruptionError, join_names
 from protocols.files.parameters import CONTROLLER
 from protocols.node import load_node
 from protocols.telemetry.feed import find_bench
@@ -77,6 +77,11 @@ class CourseBench(Protocol):
         ...
 
     @property
+    def other_rig(self) -> str:
+        """Return a sentence if the controller was told another rig than a simulated one; "" otherwise, and if it is unknown."""
+        ...
+
+    @property
     def rate(self) -> int:
         """Return the rate of samples and commands [Hz]."""
         ...
@@ -122,10 +127,10 @@ def _play_scale(folder: Path, bench: CourseBench) -> _Scale:
 
 
 def _describe_expected(bench: CourseBench) -> str:
-    return (
+    return bench.other_rig or (
         f"the controller expects contact at {bench.contact:g} bar: give it {', '.join(EXPECTED)} of your clutch,"
         " with --controller-parameters FILE or, on a running bench, with clutch-hil tune; of a slow valve also"
-        f" {' and '.join(SLOW_VALVE)}, with --controller-parameters"
+        f" {join_names(SLOW_VALVE)}, with --controller-parameters"
     )
 
 

@@ -300,8 +300,7 @@ def test_of_a_clutch_that_is_far_from_the_shipped_one_the_controller_is_told_whe
         with plant_under_test(None, clutch, None, 1, tmp_path, sentence) as plant:
             return next(play_own_courses(plant, local_bus, True, False, tmp_path / name, False, None, False, True))
 
-    with pytest.raises(
-        InputError, match=r"fill timeout.*expects contact at 2\.35 bar: give it model\.contact_pressure"
-    ):
+    named = r"model\.contact_pressure = 2\.35 bar, but the rig has 3\.1; pressure\.valve_gain = 2\.5 bar/V, but the rig has 2;"
+    with pytest.raises(InputError, match=rf"fill timeout.*{named} give them by"):
         play("shipped", None)
     assert read_run(play("told", controller)).metadata["controller_parameters"]["model.contact_pressure"] == 3.1

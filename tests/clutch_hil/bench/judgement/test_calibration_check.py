@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 import clutch_hil as ch
-from clutch_hil.bench.judgement.calibration_check import describe_mismatch, describe_shift_mismatch, describe_slow_valve
+from clutch_hil.bench.judgement.calibration_check import (
+    describe_failed_fill,
+    describe_mismatch,
+    describe_shift_mismatch,
+    describe_slow_valve,
+)
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
@@ -96,9 +101,11 @@ def test_a_fill_that_times_out_says_what_the_controller_needs_to_know(tmp_path: 
     weak = replace(scenario, plant=scenario.plant.with_values({"valve.gain": 1.8}))
     result = Simulation(weak).run(lambda done, of: None)
     assert "fill timeout" in result.verdict
-    assert "expects contact at 2.35 bar and 2.6 bar/V of the valve" in result.text
-    assert "model.contact_pressure, phases.fill_pressure, pressure.valve_gain by --controller-" in result.text
-    assert "expects contact" not in Simulation(scenario).run(lambda done, of: None).text
+    assert "pressure.valve_gain = 2.6 bar/V, but the rig has 1.8; give them by --controller-parameters" in result.text
+    assert "the rig has" not in Simulation(scenario).run(lambda done, of: None).text
+    of_real_rig = describe_failed_fill("fill timeout", scenario.settings.make_controller().parameters.as_values()) or ""
+    assert "expects contact at 2.35 bar and 2.6 bar/V of the valve" in of_real_rig
+    assert "model.contact_pressure, phases.fill_pressure, pressure.valve_gain by --controller-" in of_real_rig
 
 
 def test_a_fill_of_one_of_two_clutches_that_times_out_says_it_too(tmp_path: Path) -> None:
@@ -106,7 +113,7 @@ def test_a_fill_of_one_of_two_clutches_that_times_out_says_it_too(tmp_path: Path
     weak = replace(scenario, plant=scenario.plant.with_values({"a.valve.gain": 1.6}))
     result = Simulation(weak).run(lambda done, of: None)
     assert "fill timeout" in result.verdict
-    assert "expects contact at 2.35 bar and 2.5 bar/V of the valve" in result.text
+    assert "pressure.valve_gain = 2.5 bar/V, but the rig has 1.6" in result.text
 
 
 @pytest.mark.parametrize(
@@ -124,7 +131,10 @@ def test_a_pressure_fault_with_a_slow_valve_says_how_the_gains_follow(
         advice = describe_slow_valve(fault, parameters, slow)
         assert (advice is not None) == told
         if advice:
-            assert "a faster valve than the rig's, which has 10 rad/s; give pressure.valve_frequency and" in advice
+            assert (
+                "another valve than the rig's, which has 10 rad/s (1.59 Hz) and a damping of 1; give pressure.valve_"
+                in advice
+            )
     in_a = {f"a.{name}": value for name, value in slow.items()}  # of one of two clutches
     assert (describe_slow_valve("overpressure", parameters, in_a, "a.") is not None) == advised
     assert describe_slow_valve("overpressure", parameters, shipped.as_values()) is None
@@ -136,7 +146,12 @@ def test_a_run_that_swings_with_a_slow_valve_says_it(tmp_path: Path) -> None:
     slow = scenario.plant.with_values({"valve.frequency": 6.7, "valve.damping": 1.0, "valve_delay.delay": 20.0})
     result = Simulation(replace(scenario, plant=slow)).run(lambda done, of: None)
     assert "overpressure" in result.verdict
-    assert "pressure.valve_frequency and pressure.valve_delay by --controller-parameters" in result.text
+    assert "pressure.valve_damping, pressure.valve_delay, pressure.valve_frequency by --controller-" in result.text
+    scenario = Scenario.of(RunSettings(profile="lock", seconds=2.0, out=tmp_path))
+    swinging = scenario.plant.with_values({"valve.damping": 0.2})
+    result = Simulation(replace(scenario, plant=swinging)).run(lambda done, of: None)
+    assert "torque followed poorly" in result.verdict
+    assert "8 Hz) and a damping of 0.2; give pressure.valve_damping, pressure.valve_delay" in result.text
 
 
 def make_launch(acceleration: float, gain: float = 1.0, rate: int = 500) -> Mapping[str, np.ndarray]:
