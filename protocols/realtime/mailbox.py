@@ -89,7 +89,7 @@ class Asker(_MappedFile):
         self._words[REQUEST_NUMBER] += 1
         if not self._wait_for_answer(end):
             raise InputError(
-                f"the service has not answered within {timeout:g} s; it may still be starting, or be stopped"
+                f"the service has not answered within {timeout:.2g} s; it may still be starting, or be stopped"
             )
         return self._read_text(_HEADER_BYTES + MOST_BYTES, self._words[_ANSWER_LENGTH])
 

@@ -16,9 +16,12 @@ import pytest
 from clutch_hil.live.viewer.graphics import MISSING
 from clutch_hil.live.viewer.rrd_reader import read_rrd
 from clutch_hil.live.viewer.stream import ViewerStream
+from clutch_hil.live.viewer.view import Watch
 from clutch_hil.live.viewer.viewer import WebViewer
 from protocols.errors import InputError
 from protocols.node import Column
+from protocols.realtime.notify import NoNotifier
+from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import Batch
 from tests.clutch_hil.live.fake_bench import FakeBench
 from tests.clutch_hil.live.viewer import chromium
@@ -185,6 +188,21 @@ def test_a_stopped_viewer_costs_only_rows_that_are_counted() -> None:
         assert stream.dropped["plant"] == dropped
 
 
+def test_an_error_of_the_stream_ends_the_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of rows that rerun cannot take; without it the screen would stand still, and the view go on."""
+    from clutch_hil.live.viewer.blueprint import build_blueprint
+
+    def fail(*_: object) -> None:
+        raise ValueError("such rows cannot be drawn")
+
+    monkeypatch.setattr("clutch_hil.live.viewer.stream.make_recording", fail)
+    with Stop() as stop, ViewerStream("rerun+http://127.0.0.1:1/proxy", "test", build_blueprint()) as stream:
+        watch = Watch(stop, PATIENCE, NoNotifier())
+        with pytest.raises(ValueError, match="such rows cannot be drawn"):
+            while not watch.is_over:
+                watch.wait(stream)
+
+
 def test_a_stream_finds_a_viewer_that_was_started_again() -> None:
     from clutch_hil.live.viewer.blueprint import build_blueprint
 
@@ -293,7 +311,10 @@ def test_a_port_that_is_taken_is_refused() -> None:
             ["--save", "run.rrd", "--memory", "2GB"],
             "--memory 2GB was given without a viewer; with --save it needs --web",
         ),
-        (["--web", "--address", "0.0.0.0"], "the page cannot be served at '0.0.0.0'; allowed is an address of this"),
+        (
+            ["--web", "--address", "0.0.0.0"],
+            "the page cannot be served at '0.0.0.0'; allowed is an IPv4 address of this",
+        ),
         (["--web", "--address", "nowhere"], "the page cannot be served at 'nowhere'"),
         (["--web", "--headless"], "more than one of --web, --headless and --window was given; only one is allowed"),
         (["--save", "run.rrd", "--seconds", "0.5", "--bus", "local:nobody"], "no bench on local:nobody"),
