@@ -36,7 +36,13 @@ OVERWRITE = typer.Option(False, help="replace existing files, but never an input
 FROM = typer.Option(-inf, "--from", help="first time of a part of the run, in s", show_default=False)
 TO = typer.Option(inf, "--to", help="last time of a part of the run, in s", show_default=False)
 JSON = typer.Option(False, "--json", help="print the result as JSON")
-BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
+# `auto`, which `clutch-hil up` takes, is the bench that runs
+BENCH = typer.Option(
+    None,
+    "--bus",
+    callback=lambda bus: None if bus == "auto" else bus,
+    help="bus of the bench, where several are running",
+)
 ROUTER = typer.Option(
     None,
     "--router",

@@ -195,6 +195,20 @@ def test_what_has_no_dimension_has_no_unit() -> None:
     assert [line.split("  ")[-1].strip() for line in lines[:4]] == [f"{name} = 0.3", "0 to 100", "0.3", "0.1"]
 
 
+def test_auto_is_the_bench_that_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `clutch-hil up --bus auto` calls it."""
+    buses: list[str | None] = []
+
+    def tell(names: list[str], bus: str | None, router: str | None) -> tuple[dict, str, str, bool]:
+        buses.append(bus)
+        return {}, "", "fine", True
+
+    monkeypatch.setattr("clutch_hil.live.tuning.tune.run_tune", tell)
+    for bus in ("auto", "vcan0"):
+        assert run_command("tune", "--bus", bus).exit_code == 0
+    assert buses == [None, "vcan0"]
+
+
 @contextmanager
 def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str | None]]:
     """A node of BENCH that lives and answers every query with `answer` or `refusal`; yields the payloads it was sent."""

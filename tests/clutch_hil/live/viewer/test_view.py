@@ -196,11 +196,17 @@ def test_an_error_of_the_stream_ends_the_view(monkeypatch: pytest.MonkeyPatch) -
         raise ValueError("such rows cannot be drawn")
 
     monkeypatch.setattr("clutch_hil.live.viewer.stream.make_recording", fail)
-    with Stop() as stop, ViewerStream("rerun+http://127.0.0.1:1/proxy", "test", build_blueprint()) as stream:
-        watch = Watch(stop, PATIENCE, NoNotifier())
-        with pytest.raises(ValueError, match="such rows cannot be drawn"):
-            while not watch.is_over:
-                watch.wait(stream)
+    with (
+        Stop() as stop,
+        ViewerStream("rerun+http://127.0.0.1:1/proxy", "test", build_blueprint()) as stream,
+        pytest.raises(ValueError, match="such rows cannot be drawn"),
+    ):
+        _watch_to_end(Watch(stop, PATIENCE, NoNotifier()), stream)
+
+
+def _watch_to_end(watch: Watch, stream: ViewerStream) -> None:
+    while not watch.is_over:
+        watch.wait(stream)
 
 
 def test_a_stream_finds_a_viewer_that_was_started_again() -> None:
