@@ -10,6 +10,7 @@ import numpy as np
 
 from clutch_hil.bench.faults.process_fault import ProcessFault
 from clutch_hil.bench.judgement.calibration_check import (
+    describe_coarse_pressure,
     describe_failed_fill,
     describe_mismatch,
     describe_slow_valve,
@@ -108,7 +109,8 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     mismatch = None if had_process_fault(run.metadata) else describe_mismatch(columns, parameters)
     poor = reached and course.regime_error > _POOR_SHARE * find_highest_demand(columns)
     if not good or poor:
-        known = describe_other_rig(parameters, rig) or describe_slow_valve(fault, parameters, rig, poor=poor)
+        known = describe_coarse_pressure(fault, columns, parameters) or describe_other_rig(parameters, rig)
+        known = known or describe_slow_valve(fault, parameters, rig, poor=poor)
         mismatch = known or mismatch or describe_failed_fill(fault, parameters)
     warnings = [
         *filter(None, (mismatch, describe_weak_motor(columns, rig), describe_hot_oil(fault, columns, rig))),

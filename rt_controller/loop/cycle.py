@@ -181,7 +181,8 @@ def _check_plausibility(node, settings, request, motor_limited, elapsed):
     """Return whether the pressure signal is lost, and whether the torque is implausible; `elapsed` [s]."""
     law, sample, checks, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
-    lost = check_pressure(checks, s, sample.pressure, law.pressure_demand, elapsed)
+    most = settings.law.valve_gain * settings.law.voltage_limit  # the valve gives no more, whatever is demanded
+    lost = check_pressure(checks, s, sample.pressure, min(law.pressure_demand, most), elapsed)
     alone, torque = settings.law.torque.alone, law.torque
     compared = closed and request != Request.PRESSURE
     sticks = torque.contact and not torque.motion.moves

@@ -304,6 +304,19 @@ def test_a_pressure_is_asked_for_as_in_the_cycle_before(cycle: ModuleType) -> No
     assert bench.state.plausibility.time_frozen == 2 * PERIOD
 
 
+def test_more_than_the_valve_gives_is_asked_of_no_pressure(cycle: ModuleType) -> None:
+    """A joint of a robot with a valve of 2 bar: its pressure stayed at 2 bar, and was taken for a signal that stands still."""
+    bench = CycleBench(cycle)
+    bench.close()
+    bench.settings.law.valve_gain, bench.settings.law.voltage_limit = 0.5e5, 4.0
+    bench.state.law.pressure_demand = 2.5e5
+    bench.run([*bench.sample(3, pressure=701), bench.demand()])
+    assert bench.state.plausibility.asked == 2e5
+    bench.state.law.pressure_demand = 3.75e5
+    bench.run([*bench.sample(4, pressure=701), bench.demand()])
+    assert bench.state.plausibility.time_frozen == 0.0
+
+
 # --- two clutches ----------------------------------------------------------------------------------------------------
 
 

@@ -38,6 +38,8 @@ EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # parameters by which a co
 # With a valve slower than the controller's the pressure overshoots at the end of a fill, and the regulator winds up
 SLOW_VALVE = ("pressure.valve_frequency", "pressure.valve_damping", "pressure.valve_delay")
 _INTEGRAL, _PRESSURE_FAULTS = "pressure.integral_gain", ("overpressure", "pressure lost", "fill timeout")
+_FROZEN_FAULTS = ("pressure lost", "sensor frozen")
+_FROZEN_CHANGE, _FROZEN_VOLTAGE = "phases.frozen_change", "guard.frozen_voltage"
 # Of the gain that suits the valve; chosen: below it the shipped gains suit a valve, too (valve_gains.py)
 _TOO_HIGH = 1.25
 
@@ -116,6 +118,29 @@ def describe_slow_valve(
         f"the gains of the pressure loop are those of another valve than the rig's, which has {frequency:.3g} rad/s"
         f" ({frequency / (2.0 * pi):.3g} Hz) and a damping of {damping:g}; give {join_names(SLOW_VALVE)} by"
         " --controller-parameters, or a --calibration"
+    )
+
+
+def describe_coarse_pressure(
+    fault: float | str, columns: Mapping[str, np.ndarray], parameters: Mapping[str, float]
+) -> str | None:
+    """Return advice on a pressure signal that seems frozen because its steps are as large as the limits of the check.
+
+    fault: of a run with these `columns`, each (samples,); None for another fault, and for a signal with finer steps.
+    parameters: of the controller and its guard.
+    """
+    if fault not in _FROZEN_FAULTS or not parameters.keys() >= {_FROZEN_CHANGE, _FROZEN_VOLTAGE, _VALVE}:
+        return None
+    levels = np.unique(columns["cylinder_pressure_bar"])
+    step = float(np.min(np.diff(levels))) if len(levels) > 1 else 0.0
+    least = min(parameters[_FROZEN_CHANGE], parameters[_FROZEN_VOLTAGE] * parameters[_VALVE])
+    if step < least:
+        return None
+    return (
+        f"the pressure signal has steps of {step:.3g} bar, and is taken for a frozen one if it does not move by one of them"
+        f" when {least:.3g} bar more or less are asked for: use a sensor or a converter with finer steps, or raise"
+        f" {_FROZEN_CHANGE} above {step:.3g} bar, and {_FROZEN_VOLTAGE} in limits.toml above"
+        f" {step / parameters[_VALVE]:.3g} V"
     )
 
 

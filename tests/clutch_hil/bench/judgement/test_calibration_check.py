@@ -9,6 +9,7 @@ import pytest
 
 import clutch_hil as ch
 from clutch_hil.bench.judgement.calibration_check import (
+    describe_coarse_pressure,
     describe_failed_fill,
     describe_mismatch,
     describe_shift_mismatch,
@@ -152,6 +153,28 @@ def test_a_run_that_swings_with_a_slow_valve_says_it(tmp_path: Path) -> None:
     result = Simulation(replace(scenario, plant=swinging)).run(lambda done, of: None)
     assert "torque followed poorly" in result.verdict
     assert "8 Hz) and a damping of 0.2; give pressure.valve_damping, pressure.valve_delay" in result.text
+
+
+def test_a_pressure_signal_with_coarse_steps_is_told_where_it_seems_frozen(tmp_path: Path) -> None:
+    """A converter of 6 bits: 0.31 bar."""
+    scenario = Scenario.of(RunSettings(seconds=5.0, out=tmp_path))
+    coarse = scenario.plant.with_values({"sensors.pressure_bits": 6.0})
+    result = Simulation(replace(scenario, plant=coarse)).run(lambda done, of: None)
+    assert "pressure lost" in result.verdict
+    assert "the pressure signal has steps of 0.312 bar, and is taken for a frozen one" in result.text
+    assert (
+        "raise phases.frozen_change above 0.312 bar, and guard.frozen_voltage in limits.toml above 0.125 V"
+        in result.text
+    )
+    parameters = scenario.settings.make_controller().parameters.as_values()
+    for levels in ([1.0, 1.04, 1.0], [1.0]):
+        assert (
+            describe_coarse_pressure("pressure lost", {"cylinder_pressure_bar": np.array(levels)}, parameters) is None
+        )
+    far = {"cylinder_pressure_bar": np.array([1.0, 1.06])}
+    assert describe_coarse_pressure("pressure lost", far, parameters) is not None
+    assert describe_coarse_pressure("overspeed", far, parameters) is None
+    assert describe_coarse_pressure("pressure lost", far, {}) is None
 
 
 def make_launch(acceleration: float, gain: float = 1.0, rate: int = 500) -> Mapping[str, np.ndarray]:
