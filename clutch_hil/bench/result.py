@@ -12,6 +12,7 @@ from clutch_hil.bench.faults.process_fault import ProcessFault
 from clutch_hil.bench.judgement.calibration_check import (
     describe_coarse_pressure,
     describe_failed_fill,
+    describe_late_piston,
     describe_mismatch,
     describe_slow_valve,
 )
@@ -110,6 +111,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     poor = reached and course.regime_error > _POOR_SHARE * find_highest_demand(columns)
     if not good or poor:
         known = describe_coarse_pressure(fault, columns, parameters) or describe_other_rig(parameters, rig)
+        known = known or describe_late_piston(fault, columns)
         known = known or describe_slow_valve(fault, parameters, rig, poor=poor)
         mismatch = known or mismatch or describe_failed_fill(fault, parameters)
     warnings = [

@@ -38,6 +38,9 @@ EXPECTED = (CONTACT, "phases.fill_pressure", _VALVE)  # parameters by which a co
 # With a valve slower than the controller's the pressure overshoots at the end of a fill, and the regulator winds up
 SLOW_VALVE = ("pressure.valve_frequency", "pressure.valve_damping", "pressure.valve_delay")
 _INTEGRAL, _PRESSURE_FAULTS = "pressure.integral_gain", ("overpressure", "pressure lost", "fill timeout")
+# A large piston in thick oil takes longer to arrive than the pressure takes to rise; the torque is estimated from the pressure
+LATE_PISTON = ("phases.touch_band", "phases.touch_time", "phases.mismatch_dwell")
+_FELT_SHARE, _AFTER_FILL = 0.1, 2.0  # -, s: chosen; the slowest fill that is allowed by default takes 1.5 s
 _FROZEN_FAULTS = ("pressure lost", "sensor frozen")
 _FROZEN_CHANGE, _FROZEN_VOLTAGE = "phases.frozen_change", "guard.frozen_voltage"
 # Of the gain that suits the valve; chosen: below it the shipped gains suit a valve, too (valve_gains.py)
@@ -118,6 +121,27 @@ def describe_slow_valve(
         f"the gains of the pressure loop are those of another valve than the rig's, which has {frequency:.3g} rad/s"
         f" ({frequency / (2.0 * pi):.3g} Hz) and a damping of {damping:g}; give {join_names(SLOW_VALVE)} by"
         " --controller-parameters, or a --calibration"
+    )
+
+
+def describe_late_piston(fault: float | str, columns: Mapping[str, np.ndarray]) -> str | None:
+    """Return advice on a torque that the motor does not feel soon after a fill, as the piston still moves; None otherwise.
+
+    fault: of a run with these `columns`, each (samples,).
+    """
+    faulty = np.flatnonzero(columns["controller_fault"] > 0.0)
+    if fault != "torque implausible" or not len(faulty) or not (last := int(faulty[0]) - 1) > 0:
+        return None
+    filling = np.flatnonzero(is_in_phase(columns, "fill")[:last])
+    names = ("observed_torque_nm", "torque_estimate_nm")
+    felt, estimate = (abs(float(columns[f"controller_{name}"][last])) for name in names)
+    since = float(columns["time_s"][last] - columns["time_s"][filling[-1]]) if len(filling) else np.inf
+    if not (felt < _FELT_SHARE * estimate and since < _AFTER_FILL):
+        return None
+    return (
+        f"the motor felt {felt:.2g} Nm where the controller estimated {estimate:.3g} Nm, {since:.2g} s after the fill: the"
+        f" piston has not reached the plates yet, or they touch at a higher pressure; raise {join_names(LATE_PISTON)}, or"
+        f" {CONTACT}"
     )
 
 

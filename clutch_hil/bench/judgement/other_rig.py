@@ -29,6 +29,7 @@ _SAME = (
     _Pair("model.contact_pressure", "piston.contact_pressure", 1.1),
     _Pair("pressure.valve_gain", "valve.gain", 1.1),
     _Pair("model.coulomb_slope", "clutch.coulomb_slope", 1.5),  # bound of the adapted friction level
+    _Pair("model.viscous_slope", "clutch.viscous_slope", 1.5),
     # the torque balance is M_m - J alpha: chosen, as half of J alpha is then no friction
     _Pair("model.motor_inertia", "motor.inertia", 1.5),
     # a motor at its limit is told from one that should still turn the plates; cycle.py takes 0.95 of it as the limit

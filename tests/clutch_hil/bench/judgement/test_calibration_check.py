@@ -11,6 +11,7 @@ import clutch_hil as ch
 from clutch_hil.bench.judgement.calibration_check import (
     describe_coarse_pressure,
     describe_failed_fill,
+    describe_late_piston,
     describe_mismatch,
     describe_shift_mismatch,
     describe_slow_valve,
@@ -175,6 +176,48 @@ def test_a_pressure_signal_with_coarse_steps_is_told_where_it_seems_frozen(tmp_p
     assert describe_coarse_pressure("pressure lost", far, parameters) is not None
     assert describe_coarse_pressure("overspeed", far, parameters) is None
     assert describe_coarse_pressure("pressure lost", far, {}) is None
+
+
+def make_late_piston(felt: float, slip_control: float) -> Mapping[str, np.ndarray]:
+    """A fill of 0.5 s, then slip control [s] with an estimate of 100 Nm of which the motor feels `felt` [Nm], then the fault."""
+    time = np.arange(0.0, 0.6 + slip_control, 0.01)
+    phase = np.select(
+        [time < 0.5, time < 0.5 + slip_control], [float(Phase.FILL), float(Phase.SLIP_CONTROL)], float(Phase.FAULT)
+    )
+    closed = phase == Phase.SLIP_CONTROL
+    return {
+        "time_s": time, "controller_phase": phase, "controller_fault": np.where(phase == Phase.FAULT, 7.0, 0.0),
+        "controller_observed_torque_nm": np.where(closed, -felt, 0.0),
+        "controller_torque_estimate_nm": np.where(closed, -100.0, 0.0),
+    }  # fmt: skip
+
+
+def test_a_piston_that_arrives_late_is_told_from_another_clutch() -> None:
+    sentence = describe_late_piston("torque implausible", make_late_piston(3.0, 0.5)) or ""
+    assert sentence.startswith(
+        "the motor felt 3 Nm where the controller estimated 100 Nm, 0.5 s after the fill: the piston has"
+    )
+    assert "raise phases.mismatch_dwell, phases.touch_band, phases.touch_time, or model.contact_pressure" in sentence
+    for fault, felt, seconds in (
+        ("overspeed", 3.0, 0.5),
+        ("torque implausible", 11.0, 0.5),
+        ("torque implausible", 3.0, 2.5),
+    ):
+        assert describe_late_piston(fault, make_late_piston(felt, seconds)) is None, (fault, felt, seconds)
+    healthy = make_late_piston(3.0, 0.5) | {"controller_fault": np.zeros(110)}
+    assert describe_late_piston("torque implausible", healthy) is None
+
+
+def test_a_large_piston_in_thick_oil_says_what_to_raise(tmp_path: Path) -> None:
+    scenario = Scenario.of(RunSettings(seconds=4.0, out=tmp_path))
+    slow = scenario.plant.with_values({"piston.damping": 5e5, "piston.clearance": 3e-3})
+    result = Simulation(replace(scenario, plant=slow)).run(lambda done, of: None)
+    assert "torque implausible" in result.verdict
+    assert "the piston has not reached the plates yet" in result.text
+    told = {"phases.touch_time": 3.0, "phases.touch_band": 1.0, "phases.mismatch_dwell": 1.0}
+    settings = replace(scenario.settings, controller=told)
+    healthy = Simulation(replace(scenario, settings=settings, plant=slow)).run(lambda done, of: None)
+    assert "fault" not in healthy.verdict
 
 
 def make_launch(acceleration: float, gain: float = 1.0, rate: int = 500) -> Mapping[str, np.ndarray]:

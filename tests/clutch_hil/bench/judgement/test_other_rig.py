@@ -49,7 +49,7 @@ def test_what_is_far_is_named_farthest_first(rig: Mapping[str, float], named: st
 
 def test_of_two_clutches_each_controller_is_compared_with_its_own() -> None:
     rig = {f"a.{name}": 2.0 * value for name, value in RIG.items()}
-    assert (describe_other_rig(CONTROLLER, rig, "a.") or "").count("but the rig has") == 5
+    assert (describe_other_rig(CONTROLLER, rig, "a.") or "").count("but the rig has") == 6
     assert describe_other_rig(CONTROLLER, rig) is None, "names of another clutch"
 
 
