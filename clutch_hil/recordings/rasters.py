@@ -98,7 +98,7 @@ def _keep_last_at_each_time(columns: Sequence[TimedColumn], notes: list[str]) ->
     """Return the columns without single rows at the time of the row after them; a note tells how many these are."""
     kept: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # by the identity of a time: which rows remain, and their times
     for time in (column.time for column in columns):
-        repeated = np.flatnonzero(np.diff(time) == 0.0)
+        repeated = np.flatnonzero((time[1:] == time[:-1]) & np.isfinite(time[1:]))
         if id(time) in kept or not 0 < len(repeated) <= _MOST_REPEATED * len(time):
             continue
         remain = np.ones(len(time), bool)

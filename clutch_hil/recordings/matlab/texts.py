@@ -16,7 +16,7 @@ _MOST_AXES = 16
 def read_texts(value: Value) -> list[str]:
     """The texts in a value, none where it holds anything else."""
     if isinstance(value, Text):
-        return [row.strip() for row in value.rows]
+        return [row.strip(" \t\r\n\0") for row in value.rows]  # Dymola ends names with a zero byte
     if isinstance(value, Cell):
         items = [read_texts(item) for item in value.items[:100_000]]
         return [item[0] for item in items] if all(len(item) == 1 for item in items) else []

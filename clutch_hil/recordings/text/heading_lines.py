@@ -89,7 +89,7 @@ def find_heading_lines(
         if names is None and options.get("header") and top and rows[top - 1]:
             names = top - 1  # names that look like values
         if names is None and units is None:
-            _check_widths(path, above, width, delimiter)
+            _check_widths(path, above, width, delimiter, cells)
     if names is None and options.get("header", True) and (listed := _find_listed_names(above, widths[0], cells)):
         first, row = listed
         return HeadingLines(first, units, None, [*row, *[""] * (width - len(row))], False)
@@ -264,11 +264,16 @@ def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[st
     )
 
 
-def _check_widths(path: Path, above: Sequence[Line], width: int, delimiter: str) -> None:
-    """Raise InputError where the line above the rows is a list of names, but of other columns."""
+def _check_widths(path: Path, above: Sequence[Line], width: int, delimiter: str, cells: Cells) -> None:
+    """Raise InputError where the line above the rows is a list of names, but of other columns.
+
+    One with numbers or times is none, as with which the log of a terminal begins: `PuTTY log 2022.12.05`, or the rest of a row.
+    """
     if not above or above[-1].comment:
         return
     row = split(above[-1].text, delimiter)
+    if any(cells.is_number(cell) or _is_time(cell) or is_unit(cells.split_unit(cell)[1] or "?") for cell in row):
+        return
     count = sum(map(bool, row))
     if len(row) != width and 2 * count >= width and count > 1:
         raise InputError(

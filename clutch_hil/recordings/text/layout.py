@@ -93,8 +93,8 @@ def find_layout(file: TextFile, options: Mapping[str, Any]) -> Layout:
         )
     samples = _strip_units(samples, columns, cells)
     above = [line for line in lines if line.number < rows.first]
-    if names := file.form.names:
-        above.append(Line(rows.first, delimiter.join(names)))
+    if names := file.form.names:  # other lines above are remarks
+        above = [replace(line, comment=True) for line in above] + [Line(rows.first, delimiter.join(names))]
     spare = _count_empty(samples, rows.width)
     counted = _counts_rows(rows.samples, cells)
     date = find_date_before_time(columns, samples)

@@ -14,6 +14,7 @@ from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile, fin
 from protocols.errors import InputError, format_count
 
 _DAMAGED_SHARE = 0.01  # of the rows: more are no damage but another layout than was found
+_REMARK, _REMARK_SHARE = re.compile(r"[^\W\d_]{3}"), 0.1  # a word in a line without cells; the share of such lines
 _LEAD = 200  # bytes that tell of a first line how it begins
 _MOST_HEAD = 100  # lines above the rows in which the name of their channel is looked for
 _LONGEST_NAME = 200  # characters of such a line
@@ -27,7 +28,7 @@ _ENDS = re.compile(rb"(?m)^\t|\t$")
 
 @dataclass
 class Rows:
-    """What was left out: lines by reason; and of damaged rows the first line and its text.
+    """What was left out: lines by reason; and of damaged rows and of remarks the first line and its text.
 
     channels: the channel that a line above the rows names, `CHANNEL:CH1` of Hantek, by `channel`, `source` or similar.
     """
@@ -43,8 +44,15 @@ class Rows:
     text: str = ""
     width: int = 0
     wrong: int = field(default=0)
+    remarks: int = 0
+    first_remark: tuple[int, str] = (0, "")
 
     def add_damaged(self, line: int, text: str, wrong: int) -> None:
+        """Count a line with `wrong` cells, 0 for a quote without its end. A line of words is a remark, as of a program."""
+        if wrong == 1 and self.width > 1 and _REMARK.search(text):
+            self.first_remark = self.first_remark if self.remarks else (line, text)
+            self.remarks += 1
+            return
         if not self.damaged or line < self.first:
             self.first, self.text, self.wrong = line, text, wrong
         self.damaged += 1
@@ -61,6 +69,12 @@ class Rows:
 
     def list_notes(self, path: Path, rows: int) -> list[str]:
         """What was left out, a sentence each. Raises InputError where it is too much."""
+        if self.remarks > max(1.0, _REMARK_SHARE * rows):
+            line, text = self.first_remark
+            raise InputError(
+                f"recording {path}: {self.remarks} lines between {rows} rows are words, first line {line}: {show(text)}; remove"
+                " them, or set delimiter, decimal or skip_lines in [file]"
+            )
         cells = f"{self.wrong} cells where the others have {self.width}" if self.wrong else "a quote without its end"
         if self.damaged > max(1.0, _DAMAGED_SHARE * rows):
             raise InputError(
@@ -71,6 +85,11 @@ class Rows:
         if self.damaged:
             count = format_count(self.damaged, "damaged row")
             notes.append(f"left out {count}, the first in line {self.first} with {cells}: {show(self.text)}")
+        if self.remarks:
+            line, text = self.first_remark
+            notes.append(
+                f"left out {format_count(self.remarks, 'line')} of words, the first is line {line}: {show(text)}"
+            )
         if self.zeros:
             notes.append(
                 f"left out {format_count(self.zeros, 'line')} with zero bytes, as a logger that lost power leaves them"

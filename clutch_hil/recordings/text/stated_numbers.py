@@ -90,7 +90,7 @@ def list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
             numbers[match["key"].strip(' "')] = cells.read_number(value)
         elif match and (rate := split_value(match["key"].strip(' "'), match["value"].strip('"'))):
             numbers[rate[0]] = rate[1]
-    return numbers
+    return {name: number for name, number in numbers.items() if isfinite(number)}
 
 
 def _list_members(text: str) -> dict[str, float]:

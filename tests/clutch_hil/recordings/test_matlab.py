@@ -128,6 +128,7 @@ def test_names_and_units_beside_an_array_are_those_of_its_columns(tmp_path: Path
         ("time; force", "ms; kN"),
         ("time|force", "ms kN"),
         (["time ", "force"], ["ms", "kN"]),
+        (["time\0  ", "force\0 "], ["ms\0", "kN"]),  # as Dymola ends them
         ("a text, with more commas, than columns", "ms kN"),
     ],
 )

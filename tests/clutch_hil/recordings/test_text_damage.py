@@ -133,6 +133,33 @@ def test_what_stands_below_the_rows_is_told_as_what_it_is(tmp_path: Path, footer
     assert f"left out {what}: " in convert_run(run)
 
 
+def test_lines_of_words_between_the_rows_are_left_out_and_told(tmp_path: Path) -> None:
+    """As a program writes them beside its rows; one row of another width would be damage."""
+    lines = make_table().splitlines()
+    for place in (50, 30, 10):
+        lines.insert(place, "1 temperature probe detected.")
+    assert_right(read(tmp_path, "\n".join([*lines, ""])))
+    told = "left out 3 lines of words, the first is line 11: '1 temperature probe detected.'"
+    assert told in convert_run(read(tmp_path, "\n".join([*lines, ""])))
+    for place in range(55, 5, -5):
+        lines.insert(place, "no sensor")
+    assert "13 lines between 60 rows are words, first line 11: 'no sensor'" in find_refusal(
+        tmp_path, "\n".join([*lines, ""])
+    )
+
+
+@pytest.mark.parametrize("begin", ["0.2.80V, 0.00A, inf", "8.2500", ",6.2500", "0 0.00A, inf"])
+def test_the_rest_of_a_row_with_which_a_log_begins_has_no_names(tmp_path: Path, begin: str) -> None:
+    title = "=~=~=~=~=~=~=~=~=~=~=~= PuTTY log 2022.03.27 13:18:46 =~=~=~=~=~=~=~=~=~=~=~="
+    numbered = MAP
+    for number, name in enumerate(("time", "torque", "speed"), 1):
+        numbered = numbered.replace(f'from = "{name}"', f"number = {number}")
+    for delimiter in (",", " "):
+        table = make_table(delimiter, header="")
+        assert_right(read(tmp_path, "\n".join([title, begin.replace(",", delimiter), table]), columns=numbered))
+        assert_right(read(tmp_path, f"{title}\n{table}", columns=numbered))
+
+
 def test_means_below_the_rows_are_no_row_where_rows_are_counted(tmp_path: Path) -> None:
     """A row without a time would else be one more sample."""
     by_row = MAP.replace('from = "time", unit = "s"', "rate_hz = 100.0")

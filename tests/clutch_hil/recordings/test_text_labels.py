@@ -93,9 +93,16 @@ def test_a_line_with_other_names_is_not_read_as_a_row(tmp_path: Path) -> None:
     assert "holds 'time:0.3' in line 31, which is no number" in find_refusal(tmp_path, join(*lines))
     lines[30] = "sensor lost"
     run = read(tmp_path, join(*lines), "resample_hz = 100.0")
-    assert "left out 1 damaged row, the first in line 31 with 1 cells" in convert_run(run)
+    assert "left out 1 line of words, the first is line 31: 'sensor lost'" in convert_run(run)
     mixed = [text if n % 2 else ",".join(reversed(text.split(","))) for n, text in enumerate(lines)]
     find_refusal(tmp_path, join(*mixed))
+
+
+def test_lines_above_have_no_names_where_each_number_has_one(tmp_path: Path) -> None:
+    """The first line is damaged by control characters, and has as many cells as the others."""
+    lines = write_lines("time: {0}, torque: {1}Nm, speed: {2}rad/s")
+    run = read(tmp_path, join("PuTTY log 2022.03.27 13:18:46", f"\x1b\b{lines[0]}", *lines))
+    assert_right(run)
 
 
 def test_a_single_name_is_a_remark(tmp_path: Path) -> None:
