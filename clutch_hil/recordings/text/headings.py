@@ -105,7 +105,7 @@ def _describe_lines(above: Sequence[Line], lines: HeadingLines, width: int) -> l
         if number not in lines.used
     ]
     if remarks := _list_remarks(above, lines):
-        shown = "; ".join(" ".join(line.text.split())[:80] for line in remarks[:MOST_REMARKS])
+        shown = "; ".join(" ".join(line.text.replace("\0", "").split())[:80] for line in remarks[:MOST_REMARKS])
         notes.append(f"above {'the names' if lines.used else 'the rows'}: {shown}")
     return notes
 

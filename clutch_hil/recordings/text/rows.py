@@ -30,6 +30,7 @@ _ENDS = re.compile(rb"(?m)^\t|\t$")
 class Rows:
     """What was left out: lines by reason; and of damaged rows and of remarks the first line and its text.
 
+    width: cells of a row. parted_by_blanks: whether blanks part them.
     channels: the channel that a line above the rows names, `CHANNEL:CH1` of Hantek, by `channel`, `source` or similar.
     """
 
@@ -44,13 +45,15 @@ class Rows:
     text: str = ""
     width: int = 0
     wrong: int = field(default=0)
+    parted_by_blanks: bool = False
     remarks: int = 0
     first_remark: tuple[int, str] = (0, "")
 
     def add_damaged(self, line: int, text: str, wrong: int) -> None:
         """Count a line with `wrong` cells, 0 for a quote without its end. A line of words is a remark, as of a program."""
-        if wrong == 1 and self.width > 1 and _REMARK.search(text):
-            self.first_remark = self.first_remark if self.remarks else (line, text)
+        words = wrong == 1 or (self.parted_by_blanks and text[:1].isalpha())
+        if words and self.width > 1 and _REMARK.search(text):
+            self.first_remark = self.first_remark if self.remarks else (line, " ".join(text.split()))
             self.remarks += 1
             return
         if not self.damaged or line < self.first:
@@ -110,7 +113,7 @@ def read_rows(
     file: TextFile, layout: Layout, wanted: Sequence[int], left_out: Rows
 ) -> Iterator[tuple[pa.Table, Callable[[int], int]]]:
     """Tables with the columns `wanted`, numbers from 1, as text; and a function from a row of the table to its line."""
-    left_out.width = len(layout.columns)
+    left_out.width, left_out.parted_by_blanks = len(layout.columns), layout.delimiter == RUNS
     head = file.head[: find_end_of_lines(file.head, min(layout.first - 1, _MOST_HEAD))].decode("utf-8", "replace")
     named = filter(None, (_CHANNEL.fullmatch(line[:_LONGEST_NAME]) for line in head.split("\n")))
     left_out.channels = {match["key"].lower(): match["name"] for match in named}

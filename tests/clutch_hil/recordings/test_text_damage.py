@@ -160,6 +160,17 @@ def test_the_rest_of_a_row_with_which_a_log_begins_has_no_names(tmp_path: Path, 
         assert_right(read(tmp_path, f"{title}\n{table}", columns=numbered))
 
 
+def test_words_between_rows_that_blanks_part_are_left_out_and_told(tmp_path: Path) -> None:
+    lines = make_table(" ").splitlines()
+    for place in (50, 30):
+        lines.insert(place, "Good packet")
+    told = "left out 2 lines of words, the first is line 31: 'Good packet'"
+    assert told in convert_run(read(tmp_path, "\n".join([*lines, ""])))
+    lines[30] = "1 packet"
+    told = "left out 1 damaged row, the first in line 31 with 2 cells"
+    assert told in convert_run(read(tmp_path, "\n".join([*lines, ""]), "resample_hz = 100.0"))
+
+
 def test_means_below_the_rows_are_no_row_where_rows_are_counted(tmp_path: Path) -> None:
     """A row without a time would else be one more sample."""
     by_row = MAP.replace('from = "time", unit = "s"', "rate_hz = 100.0")

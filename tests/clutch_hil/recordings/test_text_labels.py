@@ -99,10 +99,13 @@ def test_a_line_with_other_names_is_not_read_as_a_row(tmp_path: Path) -> None:
 
 
 def test_lines_above_have_no_names_where_each_number_has_one(tmp_path: Path) -> None:
-    """The first line is damaged by control characters, and has as many cells as the others."""
+    """The first line is damaged by zero bytes, and has as many cells as the others."""
     lines = write_lines("time: {0}, torque: {1}Nm, speed: {2}rad/s")
-    run = read(tmp_path, join("PuTTY log 2022.03.27 13:18:46", f"\x1b\b{lines[0]}", *lines))
+    run = read(tmp_path, join("PuTTY log 2022.03.27 13:18:46", f"{bytes(20).decode()}{lines[0]}", *lines))
     assert_right(run)
+    assert "above the names: PuTTY log 2022.03.27 13:18:46; time: 0.0, torque: 0.0Nm, speed: 0.25rad/s" in convert_run(
+        run
+    )
 
 
 def test_a_single_name_is_a_remark(tmp_path: Path) -> None:
