@@ -179,7 +179,7 @@ def test_a_pressure_signal_with_coarse_steps_is_told_where_it_seems_frozen(tmp_p
 
 
 def make_late_piston(felt: float, slip_control: float) -> Mapping[str, np.ndarray]:
-    """A fill of 0.5 s, then slip control [s] with an estimate of 100 Nm of which the motor feels `felt` [Nm], then the fault."""
+    """A fill of 0.5 s, slip control [s] with an estimate of 100 Nm of which the motor feels `felt` [Nm], then the fault."""
     time = np.arange(0.0, 0.6 + slip_control, 0.01)
     phase = np.select(
         [time < 0.5, time < 0.5 + slip_control], [float(Phase.FILL), float(Phase.SLIP_CONTROL)], float(Phase.FAULT)
