@@ -36,7 +36,7 @@ _FOLLOWING = {
 # Pressures that rise from an open clutch to a filled one
 _RISING = (
     ("phases.released_pressure", "model.contact_pressure"), ("phases.lost_pressure", "model.contact_pressure"),
-    ("model.contact_pressure", "phases.fill_pressure"),
+    ("model.contact_pressure", "phases.fill_pressure"), ("model.contact_pressure", "torque.pressure_limit"),
 )  # fmt: skip
 # Pressures that keep their share of the contact pressure, and one that keeps its distance, where a user changes only that
 _CONTACT, _FILL, _SLOPE = "model.contact_pressure", "phases.fill_pressure", "model.coulomb_slope"

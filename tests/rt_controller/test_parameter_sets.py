@@ -114,6 +114,7 @@ CONTRADICTIONS = {
     "[model]\ncontact_pressure = 6.0\n[phases]\nfill_pressure = 2.6": (
         "model.contact_pressure = 6 bar is not below phases.fill_pressure = 2.6 bar"
     ),
+    "[model]\ncontact_pressure = 4.5": "model.contact_pressure = 4.5 bar is not below torque.pressure_limit = 4.5 bar",
     "[phases]\nlost_pressure = 2.35": "phases.lost_pressure = 2.35 bar is not below model.contact_pressure = 2.35 bar",
     "[phases]\nreleased_pressure = 3.0": "phases.released_pressure = 3 bar is not below model.contact_pressure",
 }
