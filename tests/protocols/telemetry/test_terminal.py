@@ -1,6 +1,7 @@
 """Faults on the terminal of a service: nobody who reads, or reads no more, holds the telemetry up."""
 
 import json
+import math
 import os
 from collections import deque
 from types import SimpleNamespace
@@ -52,7 +53,7 @@ def test_a_fault_after_a_change_of_its_limit_names_the_new_limit() -> None:
     made._mailbox = SimpleNamespace(ask=lambda text, timeout: json.dumps(answer))  # type: ignore[assignment]
     watch = made._make_fault_watch(["fault", "sample_tick"])
     assert watch is not None
-    made._forward_request({"values": {limit: 2.5}})
+    made._forward_request({"values": {limit: 2.5}}, math.inf)
     fill_timeout = 5.0  # number of the fault
     (change,) = watch.take(np.array([[0.0, 1.0], [fill_timeout, 2.0]]))
     assert "(limit 2.5 s)" in change.line
