@@ -21,8 +21,8 @@ INPUTS = (
     "description of a node", "change of the plant", "change of the controller", "planned change", "frames",
 )  # fmt: skip
 NAMES = (
-    "CSV", "text of a logger", "Parquet", "Feather", "MDF 4.10 deflated", "MDF 4.10", "MDF 3.30", "MATLAB 5 deflated",
-    "MATLAB 5", "MATLAB 5, deflated after the damage", "MATLAB 4", "TDMS", "HDF5", "HDF5 in chunks", "MATLAB 7.3",
+    "CSV", "text of a logger", "Parquet", "Feather", "JSON, objects", "JSON, columns", "MDF 4.10 deflated", "MDF 4.10",
+    "MDF 3.30", "MATLAB 5 deflated", "MATLAB 5", "MATLAB 5, deflated after the damage", "MATLAB 4", "TDMS", "HDF5", "HDF5 in chunks", "MATLAB 7.3",
     "bus log, candump", "bus log, ASC", "bus log, TRC", "bus log, CSV of python-can",
     "bus log, SQLite of python-can", "bus log, BLF", "bus log, BLF deflated", "bus log, MF4", "DBC",
     "log of the bench",

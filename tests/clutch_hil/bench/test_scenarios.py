@@ -39,7 +39,7 @@ def test_a_scenario_passes_with_margin(name: str) -> None:
 
 # scenario: seconds of it in which the limits hold otherwise, change of the plant, change of the controller, limits that break
 BROKEN = {
-    "engagement": (5.0, {}, {"model.coulomb_slope": 12.0}, {"regime_error_nm", "max_torque_error_nm"}),
+    "engagement": (5.0, {}, {"model.coulomb_intercept": -21.1}, {"regime_error_nm", "max_torque_error_nm"}),
     "adaptation": (5.0, {}, {"adaptation.time_constant": 100.0}, {"friction_level"}),
     "frozen_motor_torque": (5.0, {}, {"adaptation.stuck_time": 10.0}, {"peak_torque_nm", "regime_error_nm"}),
     "hold_and_release": (None, {"friction_fade.fade": 6e-5}, {}, {"held_torque_spread_nm"}),
@@ -47,7 +47,7 @@ BROKEN = {
     "lock": (4.0, {}, {"lock.rate": 5.0}, {"locking_time_s"}),
     "hill_hold": (4.0, {}, {"model.coulomb_slope": 12.0}, {"breakaway_torque_nm"}),
     "free_inertia": (None, {"motor.inertia": 0.6}, {}, {"peak_torque_nm"}),
-    "creep": (5.0, {}, {"model.coulomb_slope": 12.0}, {"regime_error_nm"}),
+    "creep": (5.0, {}, {"model.coulomb_intercept": -21.1}, {"regime_error_nm"}),
     "fast_reversal": (4.0, {}, {"model.attraction": 20.0}, {"estimate_error_nm"}),
     "release_from_lock": (5.0, {}, {"lock.rate": 5.0}, {"locking_time_s"}),
     "seal_hysteresis_triangle": (None, {"piston_seal_friction.force": 10.0}, {}, {"torque_loop_nm"}),

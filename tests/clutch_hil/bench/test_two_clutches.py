@@ -191,6 +191,9 @@ class ScriptedFeed:
     def read_requests(self) -> list[dict[str, Any]]:
         return []
 
+    def read_clock(self, node: str) -> float:
+        return -np.inf
+
     def describe(self, node: str) -> dict[str, Any]:
         rig = {"rig": "power_shift", "controllers": list(CONTROLLERS)} if node == "plant" else {}
         return {"columns": [c._asdict() for c in self.columns[node]], "session": 1, "versions": {}} | rig
