@@ -109,13 +109,17 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     # a controller that was killed or stopped no longer estimates
     mismatch = None if had_process_fault(run.metadata) else describe_mismatch(columns, parameters)
     poor = reached and course.regime_error > _POOR_SHARE * find_highest_demand(columns)
+    advice = None
     if not good or poor:
-        known = describe_coarse_pressure(fault, columns, parameters) or describe_other_rig(parameters, rig)
-        known = known or describe_late_piston(fault, columns)
-        known = known or describe_slow_valve(fault, parameters, rig, poor=poor)
-        mismatch = known or mismatch or describe_failed_fill(fault, parameters)
+        # what has its own cause goes before the sentence on the calibration, which would blame the friction maps
+        cause = describe_coarse_pressure(fault, columns, parameters) or describe_late_piston(fault, columns)
+        cause = cause or describe_slow_valve(fault, parameters, rig, poor=poor)
+        advice = describe_other_rig(parameters, rig)
+        mismatch = cause or mismatch or advice or describe_failed_fill(fault, parameters)
+    told = dict.fromkeys(filter(None, (mismatch, advice)))
     warnings = [
-        *filter(None, (mismatch, describe_weak_motor(columns, rig), describe_hot_oil(fault, columns, rig))),
+        *told,
+        *filter(None, (describe_weak_motor(columns, rig), describe_hot_oil(fault, columns, rig))),
         *list_contradictions(parameters),
         *list_contradictions(rig),
     ]
