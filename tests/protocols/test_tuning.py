@@ -204,7 +204,7 @@ def test_a_controller_that_is_tuned_while_it_runs_is_one_that_was_started_so(tmp
 
     changed = {
         "torque.integral_gain": 0.1,
-        "model.coulomb_slope": 10.0,
+        "model.coulomb_intercept": -24.0,  # nothing follows these, as other parameters of a file follow its slope
         "phases.fill_pressure": 2.7,
         "slip.bandwidth": 60.0,
     }
